@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields
 
 import numpy as np
 import pytest
@@ -49,46 +49,32 @@ def test_wilson_interval_is_that_of_the_textbook():
 
 def result(correct: np.ndarray, *, scene: str = "a", system: str = "s", exists: bool = True) -> Result:
     """A drive with these correct frames; all other lanes are confident and wrong."""
-    nothing = np.zeros(len(correct))
-    errors = FrameErrors(
-        exists=np.full(len(correct), exists),
-        available=np.ones(len(correct), bool),
-        confident=~correct if not exists else np.ones(len(correct), bool),
-        lateral_m=np.zeros((len(correct), 5)),
-        near_rms_m=np.where(correct, 0.1, 1.0),
-        full_rms_m=nothing,
-        in_picture_rms_m=nothing,
-        offset_m=nothing,
-        heading_rad=nothing,
-        curvature_per_m=nothing,
-        confidence=nothing,
-        time_ms=nothing,
-    )
-    return Result(scene, "hard", system, errors)
+    nothing = dict.fromkeys((field.name for field in fields(FrameErrors)), np.zeros(len(correct)))
+    some = np.ones(len(correct), bool)
+    errors = {
+        "exists": some & exists,
+        "available": some,
+        "confident": some if exists else ~correct,
+        "lateral_m": np.zeros((len(correct), 5)),
+        "near_rms_m": np.where(correct, 0.1, 1.0),
+    }
+    return Result(scene, "hard", system, FrameErrors(**nothing | errors))
 
 
 def drives(shares: list[float], **names: str) -> list[Result]:
     """A drive for each share of correct frames, the first ones of the drive."""
-    return [
-        result(np.arange(FRAMES) < share * FRAMES, scene=f"scene {number}", **names)
-        for number, share in enumerate(shares)
-    ]
+    frames = np.arange(FRAMES)
+    return [result(frames < share * FRAMES, scene=f"scene {n}", **names) for n, share in enumerate(shares)]
 
 
 BEST = [1.0, 0.9, 0.95, 1.0, 0.9, 0.95, 1.0, 0.9]
 
 
-def test_worse_in_every_drive_is_significant():
-    worse = [share - 0.05 for share in BEST]
-    assert among_best([drives(worse), drives(BEST)]) == [False, True]
-
-
-def test_worse_in_one_of_eight_drives_is_not():
-    one_failure = [0.2, *BEST[1:]]
-    assert among_best([drives(BEST), drives(one_failure)]) == [True, True]
-    # although its frames, if they were independent, would decide it
-    failed, frames = 80, 800
-    assert failed / frames > 5 * np.sqrt(0.1 * 0.9 / frames)
+def test_worse_in_every_drive_is_significant_and_in_one_of_eight_is_not():
+    """In the latter, 80 of 800 frames would decide it if they were independent."""
+    every, one = [share - 0.05 for share in BEST], [0.2, *BEST[1:]]
+    assert among_best([drives(every), drives(BEST)]) == [False, True]
+    assert among_best([drives(BEST), drives(one)]) == [True, True]
 
 
 def test_the_same_drives_are_compared():
@@ -116,13 +102,11 @@ def test_without_a_lane_the_fewest_confident_and_wrong_frames_are_best():
 
 
 def test_rows_have_the_interval_and_the_mark():
-    results = [
-        one for pair in zip(drives(BEST, system="good"), drives([0.0] * 8, system="bad"), strict=True) for one in pair
-    ]
+    pairs = zip(drives(BEST, system="good"), drives([0.0] * 8, system="bad"), strict=True)
+    results = [one for pair in pairs for one in pair]
     good, bad = total_rows(results)
     assert (good["among_best"], bad["among_best"]) == (1, 0)
     assert good["accuracy"] == pytest.approx(0.95)
     assert good["accuracy_low"] < 0.95 < good["accuracy_high"]
     assert [row["among_best"] for row in score_rows(results)] == [1, 0] * 8
-    alone = score_rows([replace(results[0], scene="alone")])
-    assert np.isnan(alone[0]["among_best"])
+    assert np.isnan(score_rows(results[:1])[0]["among_best"])

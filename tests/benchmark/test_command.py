@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from benchmark import estimates, evaluation, own_finder, runner, systems
+from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
-from benchmark.runner import cached_estimates
+from benchmark.runner import cached_estimates, run_benchmark
 from benchmark.scored_drive import CUSTOM, BenchmarkDrive, choose_drives, ensure_video, list_drives
 from benchmark.systems import SYSTEMS
 from classic import finder
-from lanes import camera as camera_pose
-from lanes import images as frames
+from lanes import camera, images
 from lanes.detect import birdseye
 from lanes.images import read_image
 from lanes.video import reader
@@ -42,17 +42,18 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def done(folder) -> subprocess.CompletedProcess:
-    return run(folder, folder / "bend.mp4", "-o", folder / "out", "--workers", 2)
-
-
-def run(folder: Path, *arguments: object) -> subprocess.CompletedProcess:
-    command = process("benchmark", *arguments)
+    command = process("benchmark", folder / "bend.mp4", "-o", folder / "out", "--workers", 2)
     environment = {"LANES_CACHE": str(folder / "cache"), "PATH": "", "HOME": str(folder)}
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
 
 
 def custom(video: Path, difficulty: str = CUSTOM) -> BenchmarkDrive:
     return BenchmarkDrive(video.stem, difficulty, "", video)
+
+
+@pytest.fixture(scope="module")
+def prepared(folder) -> PreparedDrive:
+    return prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
 
 
 class TestCommand:
@@ -111,50 +112,38 @@ def test_the_scenes_are_listed(capsys):
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(list_drives())
 
 
-class TestVariants:
-    def test_a_seed_chooses_the_variant_and_the_committed_video_is_variant_0(self, tmp_path, monkeypatch):
-        (drive,) = choose_drives(["motorway"])
-        assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
-        (variant,) = choose_drives(["motorway"], seed=3)
-        assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
-        asked = {}
-        monkeypatch.setattr(
-            "simulator.scenes.suite.render_scene",
-            lambda name, **options: asked.update(options, name=name) or tmp_path / "a.mp4",
-        )
-        assert ensure_video(variant, workers=1).video == tmp_path / "a.mp4"
-        assert (asked["name"], asked["seed"]) == ("motorway", 3)
+def test_a_seed_chooses_the_variant_and_the_committed_video_is_variant_0(monkeypatch):
+    (drive,) = choose_drives(["motorway"])
+    assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
+    (variant,) = choose_drives(["motorway"], seed=3)
+    assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
+    monkeypatch.setattr("simulator.scenes.suite.render_scene", lambda name, *, seed, **_: Path(f"{name}, seed {seed}"))
+    assert ensure_video(variant, workers=1).video == Path("motorway, seed 3")
 
 
 class TestRunner:
-    def test_finished_estimates_are_not_computed_again(self, folder, tmp_path, monkeypatch):
-        prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+    def test_finished_estimates_are_not_computed_again(self, prepared, tmp_path, monkeypatch):
         path = cached_estimates(prepared, "tracker", tmp_path, 1)
         monkeypatch.setattr(runner, "run_system", lambda *_: pytest.fail("computed again"))
         assert cached_estimates(prepared, "tracker", tmp_path, 1) == path
-        other = PreparedDrive(
-            prepared.drive, prepared.camera.with_pose(replace(prepared.camera.pose, pitch_rad=0.0)), "true"
-        )
+        pose = replace(prepared.camera.pose, pitch_rad=0.0)
+        other = replace(prepared, camera=prepared.camera.with_pose(pose))
         for task in [(other, "tracker"), (prepared, "best_channel")]:
             with pytest.raises(pytest.fail.Exception, match="computed again"):
                 cached_estimates(*task, tmp_path, 1)
 
     @pytest.mark.parametrize(
-        ("system", "sources"),
-        [
-            ("tracker", (camera_pose, birdseye)),
-            ("hls_sobel", (camera_pose, finder)),
-            (f"{own_finder.__file__}:load_finder", (camera_pose,)),
-        ],
+        ("system", "source"),
+        [("tracker", birdseye), ("hls_sobel", finder), (f"{own_finder.__file__}:load_finder", camera)],
         ids=["tracker", "recipe", "own finder"],
     )
-    def test_the_cache_key_depends_on_all_sources(self, folder, monkeypatch, system, sources):
-        prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+    def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
         read_bytes, seen = Path.read_bytes, set()
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
-        runner._cache_key(prepared, system)
-        common = (estimates, evaluation, own_finder, systems, frames, reader)
-        assert {Path(module.__file__) for module in (*common, *sources)} <= seen
+        monkeypatch.setattr(runner, "run_system", lambda *_: DriveEstimates.from_frames([], []))
+        cached_estimates(prepared, system, tmp_path, 1)
+        common = (estimates, evaluation, own_finder, systems, images, reader, camera)
+        assert {Path(module.__file__) for module in (*common, source)} <= seen
 
     def test_the_pose_is_estimated_on_request(self, folder):
         prepared = prepare_drive(custom(folder / "bend.mp4"), estimated_pose=True)
@@ -163,8 +152,7 @@ class TestRunner:
         assert prepared.camera.pose.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=0.01)
 
     def test_without_a_pose_no_lane_is_available(self, folder, tmp_path):
-        blank = replace(DRIVE, lines=())
-        video = write_drive(tmp_path / "blank.mp4", blank, 2)
+        video = write_drive(tmp_path / "blank.mp4", replace(DRIVE, lines=()), 2)
         prepared = prepare_drive(custom(video), estimated_pose=True)
         assert (prepared.camera, prepared.pose) == (None, "not found")
         assert not run_system(prepared, "tracker").available.any()
@@ -179,9 +167,8 @@ class TestRunner:
         rows = (tmp_path / "bend.csv").read_text().splitlines()
         (tmp_path / "bend.csv").write_text("\n".join(rows[:-1]) + "\n")
         drive = custom(tmp_path / "bend.mp4")
-        prepared = prepare_drive(drive, estimated_pose=False)
         with pytest.raises(ValueError, match="bend.mp4: 5 frames of estimates cannot .* 4 frames of truth"):
-            runner._result(prepared, "tracker", cached_estimates(prepared, "tracker", tmp_path, 1))
+            run_benchmark([drive], ["tracker"], folder=tmp_path)
         (tmp_path / "bend.csv").write_text("frame\n0\n")
         with pytest.raises(ValueError, match="bend.csv: lacks the column 'left_y05_m'"):
             read_truth(drive)

@@ -7,20 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.consistency import (
-    QUANTITIES,
-    consistency,
-    consistency_rows,
-    consistency_table,
-    normalize_errors,
-)
+from benchmark.consistency import QUANTITIES, consistency, consistency_rows, consistency_table, normalize_errors
 from benchmark.errors import LaneTruth
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.scores import Result
 from lanes.files import write_telemetry
+from tests.benchmark import test_errors
 from tests.benchmark.test_bootstrap import result
-from tests.benchmark.test_errors import lines_through
-from tests.benchmark.test_errors import truth as truth_of_frames
 
 N = 4000
 STD = np.array([0.03, 0.004, 3e-4, 0.04])
@@ -30,7 +23,7 @@ COVARIANCE = CORRELATION * np.outer(STD, STD)
 
 
 def truth() -> LaneTruth:
-    return truth_of_frames(0.2, heading_rad=0.0, frames=N)
+    return test_errors.truth(0.2, heading_rad=0.0, frames=N)
 
 
 def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
@@ -39,7 +32,7 @@ def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
     offset, heading, curvature, width = rng.multivariate_normal(np.zeros(4), COVARIANCE, N).T
     line_std = np.broadcast_to(0.02 + 0.001 * AHEAD_M, (N, 2, len(AHEAD_M)))
     return DriveEstimates(
-        np.array([lines_through(lane.lines_y_m[0])] * N),
+        np.array([test_errors.lines_through(lane.lines_y_m[0])] * N),
         lane.offset_m + offset,
         lane.heading_rad + heading,
         lane.curvature_per_m + curvature,

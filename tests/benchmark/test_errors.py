@@ -36,14 +36,12 @@ def truth(
     bend = np.tan(heading_rad) * AHEAD_M + curvature_per_m * AHEAD_M**2 / 2
     at_car = np.array([WIDTH / 2, -WIDTH / 2]) - offset_m
     every = np.ones(frames)
-    return LaneTruth(
-        np.broadcast_to(at_car[:, None] + bend, (frames, 2, len(AHEAD_M))).copy(),
-        np.outer(every, at_car),
-        offset_m * every,
-        heading_rad * every,
-        curvature_per_m * every,
-        WIDTH * every,
-    )
+    lines_y_m = np.array([at_car[:, None] + bend] * frames)
+    numbers = (every * number for number in (offset_m, heading_rad, curvature_per_m, WIDTH))
+    return LaneTruth(lines_y_m, np.outer(every, at_car), *numbers)
+
+
+NO_LANE = replace(truth(), lines_y_m=np.full((N, 2, len(AHEAD_M)), np.nan))
 
 
 def lines_through(lateral_m: np.ndarray) -> np.ndarray:
@@ -51,10 +49,8 @@ def lines_through(lateral_m: np.ndarray) -> np.ndarray:
     return road_points(ALONG_M, np.array([np.interp(ALONG_M, AHEAD_M, line) for line in lateral_m]))
 
 
-def shift_lines(
-    estimates: DriveEstimates, frame: int | slice, line: int | slice, *, at_m: float, lateral_m: float
-) -> None:
-    """Move the lines of some frames sideways within 1 m of one of AHEAD_M, in place."""
+def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float, lateral_m: float) -> None:
+    """Move a line of a frame sideways within 1 m of one of AHEAD_M, in place."""
     estimates.lines_m[frame, line, np.abs(ALONG_M - at_m) <= 1.0, 1] += lateral_m
 
 
@@ -108,8 +104,8 @@ def test_in_a_hairpin_errors_are_perpendicular_to_the_line_and_end_at_60_degrees
 def test_the_worse_line_counts_and_correct_is_up_to_20_m():
     lane, estimates = truth(), perfect(truth())
     estimates.lines_m[0, RIGHT, :, 1] += 0.3
-    shift_lines(estimates, 1, RIGHT, at_m=30.0, lateral_m=1.0)
-    shift_lines(estimates, 2, RIGHT, at_m=20.0, lateral_m=-0.5)
+    shift_line(estimates, 1, RIGHT, at_m=30.0, lateral_m=1.0)
+    shift_line(estimates, 2, RIGHT, at_m=20.0, lateral_m=-0.5)
     errors = frame_errors(estimates, lane)
     # 0.5 m at one of four places is 0.25 m rms
     assert errors.near_rms_m[:3] == pytest.approx([0.3, 0, 0.25], rel=SLANT)
@@ -126,7 +122,7 @@ def test_correct_in_picture_ignores_points_outside_of_the_picture():
     assert lane.in_picture(camera)[0].tolist() == seen.tolist()
     assert seen[0].tolist() == [False, True, True, False, False]
     for at_m, is_seen in zip(AHEAD_M, seen[LEFT], strict=True):
-        shift_lines(estimates, int(is_seen), LEFT, at_m=at_m, lateral_m=2.0)
+        shift_line(estimates, int(is_seen), LEFT, at_m=at_m, lateral_m=2.0)
     errors = frame_errors(estimates, lane, camera)
     assert errors.correct.tolist() == [False, False, True, True, True]
     assert errors.correct_in_picture.tolist() == [True, False, True, True, True]
@@ -144,14 +140,8 @@ class TestOnTheLine:
         lines = np.array([[line_lateral(road, pose, d, AHEAD_M) for d in lane] for lane in lanes])
         at_car = np.array([[line_polynomial(road, pose, d).c0_m for d in lane] for lane in lanes])
         every = np.ones(N)
-        lane = LaneTruth(
-            np.array([lines[0]] * N),
-            np.outer(every, at_car[0]),
-            lateral_m * every,
-            0 * every,
-            every / 400,
-            WIDTH * every,
-        )
+        numbers = (every * number for number in (lateral_m, 0, 1 / 400, WIDTH))
+        lane = LaneTruth(np.array([lines[0]] * N), np.outer(every, at_car[0]), *numbers)
         other = LaneEstimate(lines_through(lines[1]), -at_car[1].mean(), 0.0, 1 / (400 - side * WIDTH), 0.99)
         return lane, perfect(lane), DriveEstimates.from_frames([other] * N, [1.0] * N)
 
@@ -205,21 +195,16 @@ class TestUnknown:
 
     def test_lost_frames_lower_availability_and_are_no_error(self):
         lane = truth()
-        estimates = [
-            LaneEstimate(),
-            LaneEstimate(),
-            *[LaneEstimate(lines_through(y), 0.25, 0.01, 0.002, 0.95) for y in lane.lines_y_m[2:]],
-        ]
-        errors = frame_errors(DriveEstimates.from_frames(estimates, [1.0] * N), lane)
-        row = score([errors])
+        found = [LaneEstimate(lines_through(y), 0.25, 0.01, 0.002, 0.95) for y in lane.lines_y_m[2:]]
+        estimates = DriveEstimates.from_frames([LaneEstimate(), LaneEstimate(), *found], [1.0] * N)
+        row = score([frame_errors(estimates, lane)])
         assert (row["available_share"], row["accuracy"], row["confident_and_wrong_share"]) == (0.6, 0.6, 0)
         assert row["lateral_5_20m_p95_m"] == 0
         assert row["recovery_longest_frames"] == 2
 
     def test_a_confident_lane_where_none_exists_is_wrong(self):
-        no_lane = replace(truth(), lines_y_m=np.full((N, 2, len(AHEAD_M)), np.nan))
         confidence = np.array([0.95, 0.9, 0.89, 0.1, np.nan])
-        row = score([frame_errors(replace(perfect(truth()), confidence=confidence), no_lane)])
+        row = score([frame_errors(replace(perfect(truth()), confidence=confidence), NO_LANE)])
         # the last one states no confidence, like the recipes
         assert row["confident_and_wrong_share"] == 0.6
         assert row["lane_frames"] == 0
@@ -260,20 +245,15 @@ def test_failures_are_described_with_their_times():
     result = Result("fog", "hard", "tracker", frame_errors(estimates, truth()), fps=10)
     assert describe_failures([result]) == "fog, tracker: lost 0.00-0.10 s; confident and wrong by 0.50 m 0.20-0.40 s"
     assert describe_failures([replace(result, errors=frame_errors(perfect(truth()), truth()))]) == ""
-    no_lane = replace(truth(), lines_y_m=np.full((N, 2, len(AHEAD_M)), np.nan))
-    assert failure_spans(frame_errors(estimates, no_lane), 10) == ["a lane where none exists 0.10-0.40 s"]
+    assert failure_spans(frame_errors(estimates, NO_LANE), 10) == ["a lane where none exists 0.10-0.40 s"]
     unsure = replace(estimates, confidence=np.full(N, 0.2))
     assert failure_spans(frame_errors(unsure, truth()), 10)[1] == "wrong by 0.50 m 0.20-0.40 s"
 
 
 def test_totals_are_over_frames_and_a_loss_ends_with_its_scene():
-    good, bad = frame_errors(perfect(truth()), truth()), frame_errors(shifted(perfect(truth()), 1.0), truth())
-    results = [
-        Result("one", "hard", "tracker", bad),
-        Result("two", "hard", "tracker", bad, workers=2),
-        Result("three", "hard", "tracker", good),
-        Result("four", "clean", "tracker", good),
-    ]
+    good, bad = (frame_errors(shifted(perfect(truth()), shift_m), truth()) for shift_m in (0.0, 1.0))
+    drives = [("one", "hard", bad, 1), ("two", "hard", bad, 2), ("three", "hard", good, 1), ("four", "clean", good, 1)]
+    results = [Result(scene, kind, "tracker", errors, workers=workers) for scene, kind, errors, workers in drives]
     hard, clean = total_rows(results)
     assert (hard["scene"], hard["frames"], hard["accuracy"]) == ("all hard", 3 * N, pytest.approx(1 / 3))
     assert (hard["recovery_longest_frames"], hard["workers"]) == (N, 2)

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmark import speed
 from benchmark.speed import COLD, TRACKING, TRANSCODED, WARM_UP, FileTime, FrameTime, Speed, time_files, time_frames
-from benchmark.speed import transcode as transcode_video
 from classic.recipe import RECIPES
 from lanes.video.reader import inspect_video, read_video
 from simulator.rendering.drive import Motion
@@ -34,7 +34,7 @@ def test_every_system_is_timed_and_a_search_costs_more_than_tracking(clip):
 
 
 def test_a_transcode_keeps_all_frames(clip, tmp_path):
-    transcode_video(clip, tmp_path / "out.mp4")
+    speed.transcode(clip, tmp_path / "out.mp4")
     assert inspect_video(tmp_path / "out.mp4") == inspect_video(clip)
     for was, now in zip(read_video(clip), read_video(tmp_path / "out.mp4"), strict=True):
         assert np.abs(was.astype(int) - now).mean() < 4

@@ -1,18 +1,23 @@
-"""All systems behind one interface: their results have the same meaning for the same picture."""
+"""All systems behind one interface, with the same meaning for the same picture; a finder of one's own is one."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import count
 
 import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
-from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, start_system
+from benchmark.evaluation import score_video
+from benchmark.own_finder import estimate_from_lines, load_finder
+from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, source_files, start_system
 from classic.fit import RoadLine
-from lanes.camera import Camera
+from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
+from lanes.files import read_telemetry
 from lanes.stills import find_lane
 from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
@@ -20,9 +25,9 @@ from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(
-    s_bend(), lane_lines(right={"dash_m": None}), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL
-)
+SOLID = lane_lines(right={"dash_m": None})
+DRIVE = PaintedDrive(s_bend(), SOLID, motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+BLACK = np.zeros((360, 640, 3), np.uint8)
 ROWS = np.arange(240, 311, 10)
 
 
@@ -34,12 +39,9 @@ def estimator(system: str, camera: Camera = SMALL) -> Callable[[np.ndarray], Lan
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_estimates_are_in_metres_on_the_road(system):
-    estimate = estimator(system)
+    estimate, row = estimator(system), truth_row(DRIVE.truth(0.0), frame=0)
     estimates = DriveEstimates.from_frames([estimate(DRIVE.frame(0.0))], [1.0])
-    truth = LaneTruth.from_columns(
-        {name: np.array([value]) for name, value in truth_row(DRIVE.truth(0.0), frame=0).items()}
-    )
-    errors = frame_errors(estimates, truth)
+    errors = frame_errors(estimates, LaneTruth.from_columns({name: np.array([value]) for name, value in row.items()}))
     assert errors.lateral_m[0, AHEAD_M == 10] < 0.3
     states = system in ("tracker", "detector")
     for name in ("confidence", "width_m", "covariance", "lines_std_m"):
@@ -47,7 +49,7 @@ def test_estimates_are_in_metres_on_the_road(system):
     if states:
         lateral_m = [np.interp(AHEAD_M, *line.T) for line in estimates.lines_m[0]]
         np.testing.assert_allclose(estimates.lines_y_m[0], lateral_m, atol=0.001)
-    assert estimate(np.zeros((360, 640, 3), np.uint8)) is not None
+    assert estimate(BLACK) is not None
 
 
 @pytest.mark.parametrize("system", SYSTEMS)
@@ -60,7 +62,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
         assert np.abs(columns[side] - true).max() < 8, system
     # no line below and above the picture, and none in a black picture
     assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200])) == -2).all()
-    assert (column_detector(system, SMALL)(np.zeros((360, 640, 3), np.uint8), ROWS) == -2).all()
+    assert (column_detector(system, SMALL)(BLACK, ROWS) == -2).all()
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
@@ -77,7 +79,7 @@ def test_stated_uncertainties_are_those_of_the_lane():
 def test_the_detector_has_no_memory():
     estimate = estimator("detector")
     first = estimate(DRIVE.frame(0.0))
-    assert estimate(np.zeros((360, 640, 3), np.uint8)).offset_m is None
+    assert estimate(BLACK).offset_m is None
     assert estimate(DRIVE.frame(0.0)).offset_m == first.offset_m
 
 
@@ -95,3 +97,83 @@ def test_unknown_systems_are_refused():
     for start in (lambda: start_system("yolo", SMALL, 25.0), lambda: column_detector("yolo", SMALL)):
         with pytest.raises(ValueError, match="there is no system 'yolo'; the systems are hls_sobel"):
             start()
+
+
+LEVEL = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
+VIDEO = PROJECT_ROOT / "test_videos" / "project_video.mp4"
+IMAGE = np.zeros((720, 1280, 3), np.uint8)
+STRAIGHT = "def find(image, camera):\n    return (0.0, 1.9), (0.0, -1.7)\n"
+# Its lane is one metre farther to the left in each further frame.
+COUNTING = """
+frames = []
+
+def find(image, camera):
+    frames.append(image)
+    return (0.0, len(frames) + 1.8), (0.0, len(frames) - 1.8)
+"""
+
+
+def test_polynomials_become_an_estimate():
+    estimate = estimate_from_lines([(0.001, 0.02, 1.6), (0.001, 0.02, -2.0)])
+    assert estimate.lines_m[:, ALONG_M == 10].ravel() == pytest.approx([10.0, 1.9, 10.0, -1.7])
+    assert estimate.offset_m == pytest.approx(0.2)
+    assert estimate.heading_rad == pytest.approx(0.02, rel=1e-3)
+    assert estimate.curvature_per_m == pytest.approx(0.002, rel=1e-3)
+    assert estimate_from_lines(None).lines_m is None
+    with pytest.raises(ValueError, match="two lines or None, but this one returned 1"):
+        estimate_from_lines([(0.0, 1.0)])
+
+
+def test_a_finder_in_a_file_is_a_system(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(STRAIGHT)
+    system = f"{file}:find"
+    assert estimator(system, LEVEL)(IMAGE).offset_m == pytest.approx(-0.1)
+    left, right = column_detector(system, LEVEL)(IMAGE, np.array([300, 600]))
+    assert (left[0], right[0]) == (-2, -2)
+    u, v = LEVEL.road_to_pixels([[10.0, 1.9]])[0]
+    assert column_detector(system, LEVEL)(IMAGE, np.array([v]))[0] == pytest.approx(u, abs=0.5)
+    assert file in source_files(system)
+
+
+def test_each_drive_starts_with_the_file_as_it_is_now_and_no_memory(tmp_path):
+    file = tmp_path / "mine.py"
+    file.write_text(COUNTING)
+    for _ in range(2):
+        assert estimator(f"{file}:find", LEVEL)(IMAGE).offset_m == pytest.approx(-1.0)
+    file.write_text(STRAIGHT)
+    assert estimator(f"{file}:find", LEVEL)(IMAGE).offset_m == pytest.approx(-0.1)
+
+
+@pytest.mark.parametrize(
+    ("content", "name", "message"),
+    [
+        (None, "find", "no such file"),
+        ("1 / 0", "find", "ZeroDivisionError"),
+        ("find = 3", "find", "no function 'find'"),
+    ],
+)
+def test_a_wrong_file_is_named(tmp_path, content, name, message):
+    file = tmp_path / "wrong.py"
+    if content:
+        file.write_text(content)
+    with pytest.raises(ValueError, match=message):
+        load_finder(f"{file}:{name}")
+
+
+def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
+    truth = read_telemetry(VIDEO.with_suffix(".csv"))
+
+    def finder(shift_m: float):
+        frames = count(step=5)
+
+        def find(image, camera):
+            k, x_m = next(frames), (5, 10, 15, 20)
+            lines_m = ([truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in x_m] for side in ("left", "right"))
+            return [np.polyfit(x_m, line_m, 3) for line_m in lines_m]
+
+        return find
+
+    row = score_video(VIDEO, finder(0.0), end_s=2, every=5, name="truth")
+    assert (row["system"], row["frames"], row["accuracy"]) == ("truth", 10, 1.0)
+    assert score_video(VIDEO, finder(0.4), end_s=2, every=5, name="shifted")["accuracy"] == 0

@@ -37,20 +37,19 @@ def slanted(slope: float) -> np.ndarray:
 
 
 class TestPoints:
-    @pytest.mark.parametrize(("off_px", "accuracy"), [(0, 1), (19.99, 1), (20, 0), (-19.99, 1), (-20.01, 0)])
-    def test_an_upright_line_may_be_off_by_less_than_20_px(self, off_px, accuracy):
-        left, right = score_lines(lane(upright()), lane(upright() + off_px))
+    @pytest.mark.parametrize(
+        ("off_px", "accuracy", "width_px"),
+        [(0, 1, 1280), (19.99, 1, 1280), (20, 0, 1280), (-19.99, 1, 1280), (-20.01, 0, 1280)]
+        + [(9.99, 1, 640), (10.01, 0, 640)],
+    )
+    def test_an_upright_line_may_be_off_by_less_than_20_px_of_1280(self, off_px, accuracy, width_px):
+        left, right = score_lines(lane(upright()), lane(upright() + off_px), width_px=width_px)
         assert left == LineScore(accuracy, pytest.approx(abs(off_px)), True)
         assert right == LineScore(None, None, False)
 
-    @pytest.mark.parametrize(("off_px", "accuracy"), [(9.99, 1), (10.01, 0)])
-    def test_the_tolerance_is_scaled_with_the_width_of_the_picture(self, off_px, accuracy):
-        assert score_lines(lane(upright()), lane(upright() + off_px), width_px=640)[0].accuracy == accuracy
-
-    @pytest.mark.parametrize("slope", [0.75, -0.75, 2.4])
-    def test_a_slanted_one_by_20_px_over_the_cosine_of_its_angle(self, slope):
-        # 0.75 columns a row: 3-4-5, cosine 0.8, 25 px; 2.4: 5-12-13, cosine 5/13, 52 px
-        tolerance = {0.75: 25, 2.4: 52}[abs(slope)]
+    @pytest.mark.parametrize(("slope", "tolerance"), [(0.75, 25), (-0.75, 25), (2.4, 52)])
+    def test_a_slanted_one_by_20_px_over_the_cosine_of_its_angle(self, slope, tolerance):
+        # 0.75 columns a row: 3-4-5, cosine 0.8; 2.4: 5-12-13, cosine 5/13
         line = slanted(slope) + 400
         for off_px, accuracy in ((tolerance - 0.01, 1), (tolerance + 0.01, 0)):
             assert score_lines(lane(line), lane(line + off_px))[0].accuracy == accuracy
@@ -114,22 +113,16 @@ class TestFiles:
         (label,) = read_labels(self.write(tmp_path, self.entry(upright(700), upright(-2), upright(900))))
         assert label.columns[:, 0].tolist() == [-2, 700]
 
-    def test_two_lines_are_left_and_right_in_this_order(self, tmp_path):
-        (label,) = read_labels(self.write(tmp_path, self.entry(upright(-2), upright(900))))
-        assert label.columns[:, 0].tolist() == [-2, 900]
-        (label,) = read_labels(self.write(tmp_path, self.entry()))
-        assert (label.columns == -2).all()
-
-    def test_predictions_are_left_and_right_and_need_no_picture(self, tmp_path):
+    def test_two_lines_and_predictions_are_left_and_right_and_need_no_picture(self, tmp_path):
+        two, none = read_labels(self.write(tmp_path, self.entry(upright(-2), upright(900)), self.entry(name="b.png")))
+        assert two.columns[:, 0].tolist() == [-2, 900] and (none.columns == -2).all()
         (found,) = read_predictions(self.write(tmp_path, self.entry(upright(1), upright(2), upright(3))))
         assert found.columns[:, 0].tolist() == [1, 2]
 
     def test_pictures_are_paired_by_the_end_of_their_path(self):
         labels = [lane(upright(k), name=f"clips/{k}/20.jpg") for k in (1, 2)]
         found = [lane(upright(k + 10), name=f"/data/clips/{k}/20.jpg") for k in (2, 3)]
-        (one, none), (two, hit) = pair_predictions(labels, found)
-        assert (one, none, two) == (labels[0], None, labels[1])
-        assert hit is found[0]
+        assert pair_predictions(labels, found) == [(labels[0], None), (labels[1], found[0])]
 
     def test_paths_may_be_those_of_windows(self, tmp_path):
         for k in (1, 2):
@@ -153,14 +146,16 @@ class TestFiles:
 
     @pytest.mark.parametrize(
         "text",
-        ["nonsense", "[1]", '{"raw_file": "a.png"}', '{"raw_file": 3, "h_samples": [], "lanes": []}']
-        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1]]}', "[" * 100_000]
-        + ['{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1, NaN]]}']
-        + [
-            '{"raw_file": "a.png", "h_samples": [1, 1e99], "lanes": []}',
+        [
+            "nonsense",
+            "[1]",
+            "[" * 100_000,
+            '{"raw_file": "a.png"}',
+            '{"raw_file": 3, "h_samples": [], "lanes": []}',
             '{"raw_file": "", "h_samples": [], "lanes": []}',
-        ]
-        + [
+            '{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1]]}',
+            '{"raw_file": "a.png", "h_samples": [1, 2], "lanes": [[1, NaN]]}',
+            '{"raw_file": "a.png", "h_samples": [1, 1e99], "lanes": []}',
             '{"raw_file": "a.png", "h_samples": [1], "lanes": {"0": [1]}}',
             '{"raw_file": "a.png", "h_samples": [-3], "lanes": []}',
         ],

@@ -44,9 +44,7 @@ def result(image):
     return LaneFinder(get_recipe("hls_sobel"), CAMERA).find(image)
 
 
-@pytest.fixture
-def gray() -> np.ndarray:
-    return gray_picture()
+gray = pytest.fixture(gray_picture)
 
 
 def test_the_filled_lane_ends_at_the_paint_of_the_raw_image(image, result):
@@ -61,12 +59,9 @@ def test_the_filled_lane_ends_at_the_paint_of_the_raw_image(image, result):
         assert columns[-1] == pytest.approx(u_right[0], abs=half_paint_px + 3)
 
 
-def test_words_and_telemetry_agree_with_the_result(result):
+def test_the_words_are_those_of_the_result(result):
     assert describe_result(result)[0].startswith("bends left")
     assert describe_result(result)[1] == f"{result.offset_m:.2f} m left of centre"
-    row = result.as_row()
-    assert row["offset_m"] == result.offset_m == pytest.approx(0.28, abs=0.03)
-    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(LANE_WIDTH_M, abs=0.05)
 
 
 def test_a_lost_lane_is_said_and_nothing_is_drawn():
@@ -76,8 +71,6 @@ def test_a_lost_lane_is_said_and_nothing_is_drawn():
     annotated = annotate_image(black, lost, CAMERA)
     assert annotated[:200].any() and not annotated[200:].any()
     assert diagnose(black, lost, CAMERA).shape == black.shape
-    row = lost.as_row()
-    assert (row["state"], row["offset_m"], row["left_c0_m"]) == ("lost", None, None)
 
 
 def test_following_gives_each_frame_its_image_and_numbers(image):
@@ -96,25 +89,18 @@ def test_the_search_shows_windows_pixels_and_lines(result):
     assert colours >= {tuple(LEFT_COLOUR), tuple(RIGHT_COLOUR)}
 
 
-ALL = {
-    "draw_lane_between": lambda p: draw_lane_between(p, LEFT, RIGHT),
-    "draw_windows": lambda p: draw_windows(p, [[10, 10, 30, 30]]),
-    "draw_pixels": lambda p: draw_pixels(p, [[3, 4]], colour=LEFT_COLOUR),
-    "draw_fit": lambda p: draw_fit(p, LEFT, RIGHT),
-}
-
-
-@pytest.mark.parametrize("name", ALL)
-def test_every_function_draws_on_a_copy(name):
-    assert_draws_on_a_copy(ALL[name])
+def test_every_function_draws_on_a_copy():
+    assert_draws_on_a_copy(lambda picture: draw_lane_between(picture, LEFT, RIGHT))
+    assert_draws_on_a_copy(lambda picture: draw_windows(picture, [[10, 10, 30, 30]]))
+    assert_draws_on_a_copy(lambda picture: draw_pixels(picture, [[3, 4]], colour=LEFT_COLOUR))
+    assert_draws_on_a_copy(lambda picture: draw_fit(picture, LEFT, RIGHT))
 
 
 def test_the_lines_go_through_the_lens():
     """A line that is straight after undistortion is drawn on the curved marking of the raw image."""
-    straight = np.array([[5.0, 8.0], [30.0, 92.0]])
-    many = np.column_stack([np.linspace(5, 30, 200), np.linspace(8, 92, 200)])
+    many = np.linspace([5.0, 8.0], [30.0, 92.0], 200)
     paint = LENS.distort_points(many)
-    drawn = draw_lane_between(np.zeros((96, 160, 3), np.uint8), straight, None, LENS, line_width_px=3)
+    drawn = draw_lane_between(np.zeros((96, 160, 3), np.uint8), many[[0, -1]], None, LENS, line_width_px=3)
     rows, columns = np.nonzero(drawn[..., 0] > 120)
     inside = paint[(paint[:, 1] > rows.min()) & (paint[:, 1] < rows.max())]
     for u, v in inside[::20]:

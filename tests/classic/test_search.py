@@ -59,14 +59,8 @@ def test_windows_tile_the_height_and_catch_every_pixel():
     windows = found.left_windows
     assert [(w.top, w.bottom) for w in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
     assert len(found.left_pixels) == 9 * 15 * 80
+    assert (found.right_windows, found.right_pixels.shape) == ((), (0, 2))
     assert sliding_windows(binary, margin_px=80).windows_px[1].tolist() == [220, 560, 380, 639]
-
-
-def test_an_empty_side_has_no_windows():
-    found = sliding_windows(paint_view(SIZE, [slanted]))
-    assert found.right_windows == ()
-    assert found.right_pixels.shape == (0, 2)
-    assert len(found.left_pixels)
 
 
 def test_few_pixels_do_not_move_a_window():

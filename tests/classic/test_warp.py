@@ -1,12 +1,15 @@
-"""The bird's-eye view from four points: exact for points and images, and its scale in metres."""
+"""The bird's-eye view from four points: exact for points and images, its scale in metres; the points from the pose."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
 from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
-from lanes.camera import CameraPose
+from lanes.camera import Camera, CameraPose
 from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 
@@ -16,9 +19,9 @@ RECTANGLE = [(200, 0), (1080, 0), (1080, 720), (200, 720)]
 WARP = FourPointWarp(TRAPEZIUM, RECTANGLE, SIZE)
 
 
-def road_rectangle_warp(near_m=6.0, far_m=30.0, half_width_m=4.0):
+def road_rectangle_warp():
     """The warp of a true rectangle on the road: an exact map with 8 m on 800 columns and 24 m on 719 rows."""
-    corners = np.array([[far_m, half_width_m], [far_m, -half_width_m], [near_m, -half_width_m], [near_m, half_width_m]])
+    corners = np.array([[30.0, 4.0], [30.0, -4.0], [6.0, -4.0], [6.0, 4.0]])
     picture = CAMERA.undistort_points(CAMERA.road_to_pixels(corners))
     return FourPointWarp(picture, [(239.5, 0), (1039.5, 0), (1039.5, 719), (239.5, 719)], SIZE)
 
@@ -77,12 +80,6 @@ def test_view_points_lie_on_the_road_where_the_camera_put_them():
     np.testing.assert_allclose(birdseye_to_road(view, WARP, CAMERA), road, atol=1e-3)
 
 
-def test_scales_of_a_true_map_are_its_scales():
-    across, along = metres_per_pixel(road_rectangle_warp(), CAMERA)
-    assert across == pytest.approx(8 / 800, rel=1e-4)
-    assert along == pytest.approx(24 / 719, rel=1e-4)
-
-
 def test_scales_follow_the_camera_height():
     """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
     pose = CAMERA.pose
@@ -96,10 +93,10 @@ def test_a_view_up_to_the_horizon_has_no_scale():
 
 
 def test_fixed_scales_agree_with_the_road_on_a_true_map():
-    warp = road_rectangle_warp()
-    points = np.array([[300.0, 100.0], [900.0, 650.0]])
-    exact = birdseye_to_road(points, warp, CAMERA)
-    scaled = scale_to_road(points, metres_per_pixel(warp, CAMERA), SIZE)
+    warp, points = road_rectangle_warp(), np.array([[300.0, 100.0], [900.0, 650.0]])
+    scales = metres_per_pixel(warp, CAMERA)
+    assert scales == pytest.approx((8 / 800, 24 / 719), rel=1e-4)
+    exact, scaled = birdseye_to_road(points, warp, CAMERA), scale_to_road(points, scales, SIZE)
     # The bottom row is 6 m ahead, and the centre of the columns is the x axis of the road.
     np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
 
@@ -108,3 +105,53 @@ def test_axes_of_a_true_rectangle_are_linear():
     axes = road_axes(road_rectangle_warp(), CAMERA)
     np.testing.assert_allclose(axes.x_m, 30 - np.arange(720) * 24 / 719, atol=1e-3)
     np.testing.assert_allclose(axes.y_m, (639.5 - np.arange(1280)) / 100, atol=1e-3)
+
+
+every_recipe = pytest.mark.parametrize("name", RECIPES)
+# A phone that looks up, aside and leans; its published top rows are above the horizon.
+PHONE = Camera.from_fov((640, 480), 70.0, CameraPose(1.5, np.radians(-12), np.radians(3), np.radians(-2)))
+
+
+def corners_on_road(recipe, camera):
+    return birdseye_to_road(recipe.destination_px, recipe.four_point_warp(), camera)
+
+
+@every_recipe
+@pytest.mark.parametrize("camera", [CAMERA, PHONE], ids=["course", "phone"])
+def test_source_points_are_a_rectangle_on_the_road(name, camera):
+    published = get_recipe(name, camera.size)
+    recipe = recipe_from_pose(published, camera)
+    assert (recipe.name, recipe.destination_px) == (f"{name}_pose", published.destination_px)
+    x, y = corners_on_road(recipe, camera).T
+    assert sorted(x) == pytest.approx([x.min()] * 2 + [x.max()] * 2, rel=1e-3)
+    assert np.abs(y) == pytest.approx([y.max()] * 4, rel=1e-3)
+    # The published left points stay left.
+    left = np.array(published.source_px)[:, 0] < np.mean(published.source_px, axis=0)[0]
+    assert ((y > 0) == left).all()
+
+
+@every_recipe
+def test_edges_are_where_the_published_rows_are(name):
+    published = get_recipe(name)
+    x, y = corners_on_road(recipe_from_pose(published, CAMERA), CAMERA).T
+    rows = [max(v for _, v in published.source_px), min(v for _, v in published.source_px)]
+    centre = CAMERA.distort_points([(639.5, row) for row in rows])
+    assert [x.min(), x.max()] == pytest.approx(CAMERA.pixels_to_road(centre)[:, 0], rel=1e-3)
+    near = np.array([point for point in published.source_px if point[1] == rows[0]])
+    published_y = CAMERA.pixels_to_road(CAMERA.distort_points(near))[:, 1]
+    assert np.ptp(y) == pytest.approx(np.ptp(published_y), rel=1e-3)
+
+
+def test_the_far_edge_is_limited():
+    x, _ = corners_on_road(recipe_from_pose(get_recipe("hls_sobel", PHONE.size), PHONE), PHONE).T
+    assert x.max() == pytest.approx(MAX_FAR_EDGE_M, rel=1e-3)
+
+
+def test_without_pose_or_road_there_is_no_rectangle():
+    recipe = get_recipe("hls_sobel")
+    with pytest.raises(CameraError, match="this camera has no pose"):
+        recipe_from_pose(recipe, Camera(1280, 720, CAMERA.matrix, CAMERA.distortion))
+    with pytest.raises(CameraError, match="bottom row of recipe hls_sobel's points is not on the road ahead"):
+        recipe_from_pose(recipe, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.6)))
+    with pytest.raises(CameraError, match="use get_recipe"):
+        recipe_from_pose(get_recipe("hls_sobel", (640, 360)), CAMERA)

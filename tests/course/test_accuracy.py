@@ -1,4 +1,4 @@
-"""The table of methods on stills: with truth, with labels, with neither."""
+"""The table of methods on stills: with truth, with labels, with neither; and that of the reader's own finder."""
 
 from __future__ import annotations
 
@@ -8,22 +8,20 @@ import shutil
 import numpy as np
 import pytest
 
+from benchmark.scored_drive import COMMITTED
 from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
+from course.own_finder import finder_table, score_finder
 from lanes.camera import Camera, CameraPose
+from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
 
 CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.4, pitch_rad=0.0))
 
 
-class Lines:
-    """A straight lane of half width `half_m`, shifted to the left by `shift_m`."""
-
-    def __init__(self, shift_m: float, half_m: float = 1.83) -> None:
-        self.shift_m, self.half_m = shift_m, half_m
-
-    def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
-        return np.array([np.full_like(x_m, self.shift_m + side * self.half_m) for side in (1, -1)])
+def straight_lane(shift_m: float) -> TwoLines:
+    """A straight lane, shifted to the left."""
+    return TwoLines((0.0, shift_m + 1.83), (0.0, shift_m - 1.83))
 
 
 @pytest.fixture
@@ -31,8 +29,7 @@ def labelled(tmp_path) -> Dataset:
     """One still with labels of a straight lane around the camera."""
     (tmp_path / "test_images").mkdir()
     shutil.copy(ROOT / "test_images" / "test1.jpg", tmp_path / "test_images" / "test1.jpg")
-    rows = list(range(400, 700, 10))
-    lanes = []
+    rows, lanes = list(range(400, 700, 10)), []
     for y in (1.83, -1.83):
         u, v = CAMERA.road_to_pixels([[x, y] for x in 1 / np.linspace(1 / 4, 1 / 60, 500)]).T
         lanes.append(np.interp(rows, v[::-1], u[::-1]).round(1).tolist())
@@ -43,7 +40,7 @@ def labelled(tmp_path) -> Dataset:
 
 def test_with_truth_a_cell_is_an_error_in_metres_or_lost():
     data = open_dataset(ROOT)
-    text = accuracy_table({"half a metre": [Lines(0.5)] * 8, "nothing": [None] * 8}, data, data.true_camera())
+    text = accuracy_table({"half a metre": [straight_lane(0.5)] * 8, "nothing": [None] * 8}, data, data.true_camera())
     assert len(text.splitlines()) == 9
     true = data.true_lane(data.still("straight_lines1"))
     x_m, left_m = np.array(true["x_m"]), np.array(true["left_y_m"])
@@ -54,31 +51,34 @@ def test_with_truth_a_cell_is_an_error_in_metres_or_lost():
 
 
 def test_with_labels_a_cell_is_the_share_of_points(labelled):
-    text = accuracy_table({"right": [Lines(0)], "beside": [Lines(0.8)], "none": [None]}, labelled, CAMERA)
+    text = accuracy_table(
+        {"right": [straight_lane(0)], "beside": [straight_lane(0.8)], "none": [None]}, labelled, CAMERA
+    )
     cells = text.splitlines()[1].split()
     assert cells[:2] == ["test1", "100%"]
     assert cells[3] == "0%"
     # 0.8 m are more than 20 px near the car and less far away
     assert 0 < int(cells[2].rstrip("%")) < 70
-
-
-def test_a_line_without_points_counts_as_missed(labelled):
     (label,) = labelled.labels().values()
-
-    class NoLine:
-        def lateral_m(self, x_m):
-            return None
-
-    assert label_accuracy(NoLine(), label, CAMERA) == 0
+    assert label_accuracy(lane_result(None, None, "lost"), label, CAMERA) == 0
 
 
 def test_without_truth_and_labels_methods_are_compared(labelled):
     (labelled.root / "labels.jsonl").unlink()
-    text = accuracy_table({"a": [Lines(0)], "b": [Lines(0.3)]}, labelled, CAMERA)
+    text = accuracy_table({"a": [straight_lane(0)], "b": [straight_lane(0.3)]}, labelled, CAMERA)
     assert "0.30 m (median of 1 stills)" in text
-    assert "no still" in accuracy_table({"a": [Lines(0)], "b": [None]}, labelled, CAMERA)
+    assert "no still" in accuracy_table({"a": [straight_lane(0)], "b": [None]}, labelled, CAMERA)
 
 
 def test_two_lines_are_polynomials_in_metres():
     lines = TwoLines((0.001, 0.02, 1.8), (0.001, 0.02, -1.8))
     assert lines.lateral_m(np.array([0.0, 10.0])) == pytest.approx(np.array([[1.8, 2.1], [-1.8, -1.5]]))
+
+
+def test_a_finder_without_a_lane_scores_zero_in_its_own_column():
+    rows = score_finder(lambda image, camera: None, every=100, name="nothing")
+    assert [row["scene"] for row in rows] == list(COMMITTED)
+    head, _, *lines = finder_table(rows).splitlines()
+    assert head.split("|")[-2].strip() == "nothing"
+    assert len(lines) == len(COMMITTED)
+    assert all(line.split("|")[-2].strip() == "0.0%, lost" for line in lines)

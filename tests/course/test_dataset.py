@@ -51,22 +51,16 @@ def test_videos_are_found_in_test_videos_or_in_the_data_folder(folder):
     assert data.video("project_video.mp4").parent.name == "test_videos"
 
 
-def test_missing_truth_is_none(folder):
-    data = open_dataset(folder)
-    assert data.true_camera() is None
-    assert data.true_lane(data.still("test2")) is None
+def test_truth_is_found_by_the_name_else_none(folder):
     (folder / "clip.mp4").write_bytes(b"x")
-    assert data.true_drive(data.video("clip.mp4")) is None
-
-
-def test_truth_is_found_by_the_pictures_name(folder):
+    data = open_dataset(folder)
+    assert data.true_camera() is data.true_lane(data.still("test2")) is data.true_drive(data.video("clip.mp4")) is None
     frames = [{"raw_file": "test_images/test2.jpg", "offset_m": 0.25}]
     (folder / "test_images" / "truth.json").write_text(json.dumps({"camera": {}, "frames": frames}))
     data = open_dataset(folder)
     assert data.true_lane(data.still("test2"))["offset_m"] == 0.25
     assert data.true_lane(data.still("test10")) is None
     (folder / "clip.csv").write_text("frame,offset_m\n0,0.5\n1,-0.5\n")
-    (folder / "clip.mp4").write_bytes(b"x")
     assert data.true_drive(data.video("clip.mp4"))["offset_m"].tolist() == [0.5, -0.5]
 
 
@@ -80,13 +74,11 @@ def test_a_damaged_truth_file_is_named(folder, text):
 
 
 def test_check_words_the_difference_and_fails_when_it_is_too_large():
-    assert check("offset", 0.12, 0.10, "m", within=0.05) == (
-        "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
-    )
-    with pytest.raises(AssertionError, match="off by 0.30 m"):
-        check("offset", 0.40, 0.10, "m", within=0.05)
-    with pytest.raises(AssertionError):
-        check("offset", float("nan"), 0.10, "m", within=0.05)
+    said = check("offset", 0.12, 0.10, "m", within=0.05)
+    assert said == "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
+    for wrong, words in ((0.40, "off by 0.30 m"), (float("nan"), "nan")):
+        with pytest.raises(AssertionError, match=words):
+            check("offset", wrong, 0.10, "m", within=0.05)
     assert "no truth" in check("offset", 0.40, None, "m", within=0.05)
 
 

@@ -7,9 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from classic.finder import LaneFinder
 from classic.fit import RoadLine
-from classic.recipe import get_recipe
 from classic.warp import FourPointWarp
 from course.measures import (
     binary_on_road,
@@ -21,6 +19,7 @@ from course.measures import (
     worst_lateral_error_m,
 )
 from lanes.camera import Camera, CameraPose
+from tests.support.classic_lane import lane_result
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, CameraPose(1.4, pitch_rad=0.03))
@@ -34,45 +33,25 @@ def truth() -> dict:
     return {"x_m": X.tolist(), "left_y_m": left.lateral_m(X).tolist(), "right_y_m": right.lateral_m(X).tolist()}
 
 
-class Lines:
-    """A result with these two lines."""
-
-    def __init__(self, left: RoadLine, right: RoadLine) -> None:
-        self.lines = left, right
-
-    def lateral_m(self, x_m):
-        return np.array([line.lateral_m(x_m) for line in self.lines])
-
-
-class TestWorstLateralError:
-    def test_it_is_the_largest_of_both_lines_within_the_range(self):
-        found = Lines(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
-        # the right line departs from the truth by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
-        assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
-
-    def test_a_lane_that_was_not_found_is_infinitely_wrong(self):
-        assert worst_lateral_error_m(None, truth()) == np.inf
-        lost = LaneFinder(get_recipe("hls_sobel", CAMERA.size), CAMERA).find(np.zeros((360, 640, 3), np.uint8))
-        assert worst_lateral_error_m(lost, truth()) == np.inf
-
-    def test_without_truth_there_is_no_error(self):
-        assert worst_lateral_error_m(Lines(RoadLine(1.8, 0, 0), RoadLine(-1.8, 0, 0)), None) is None
-        assert worst_lateral_error_m(None, None) == np.inf
+def test_the_worst_lateral_error_is_that_of_both_lines_within_the_range():
+    # the right line departs from the truth by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
+    found = lane_result(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
+    assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
+    assert worst_lateral_error_m(found, None) is None
+    for lost in (None, lane_result(None, None, "lost")):
+        assert worst_lateral_error_m(lost, truth()) == worst_lateral_error_m(lost, None) == np.inf
 
 
-class TestDriveErrors:
-    def test_each_frame_has_its_own_worst_place(self):
-        x = (5, 10, 15, 20, 30)
-        truth = {f"left_y{at:02d}_m": np.array([2.0 + 0.001 * at**2, 2.0]) for at in x}
-        truth |= {f"right_y{at:02d}_m": np.array([-2.0, -2.0]) for at in x}
-        lines = {"c1": [0.0, 0.0], "c2_per_m": [0.0, 0.0]}
-        rows = {f"{side}_{name}": np.array(values) for side in ("left", "right") for name, values in lines.items()}
-        rows |= {"left_c0_m": np.array([2.0, np.nan]), "right_c0_m": np.array([-2.1, -2.0])}
-        # a line taken for straight leaves one of curvature 0.002 by 0.9 m at 30 m
-        assert drive_errors_m(rows, truth).tolist() == pytest.approx([0.9, np.inf])
-        rows["left_c3_per_m2"] = np.array([6 * 0.9 / 30**3, 0.0])
-        rows["right_c3_per_m2"] = np.zeros(2)
-        assert drive_errors_m(rows, truth)[0] < 0.5
+def test_each_frame_of_a_drive_has_its_own_worst_place():
+    x, zeros = (5, 10, 15, 20, 30), np.zeros(2)
+    truth = {f"left_y{at:02d}_m": np.array([2.0 + 0.001 * at**2, 2.0]) for at in x}
+    truth |= {f"right_y{at:02d}_m": np.array([-2.0, -2.0]) for at in x}
+    rows = {f"{side}_{name}": zeros for side in ("left", "right") for name in ("c1", "c2_per_m")}
+    rows |= {"left_c0_m": np.array([2.0, np.nan]), "right_c0_m": np.array([-2.1, -2.0])}
+    # a line taken for straight leaves one of curvature 0.002 by 0.9 m at 30 m
+    assert drive_errors_m(rows, truth).tolist() == pytest.approx([0.9, np.inf])
+    rows |= {"left_c3_per_m2": np.array([6 * 0.9 / 30**3, 0.0]), "right_c3_per_m2": zeros}
+    assert drive_errors_m(rows, truth)[0] < 0.5
 
 
 class TestMarkingPrecision:
@@ -82,11 +61,10 @@ class TestMarkingPrecision:
         lines = [np.interp(x, X, truth()[key]) + shift_m + across for key in ("left_y_m", "right_y_m")]
         return np.vstack([np.column_stack([x, y]) for y in lines])
 
-    def test_points_on_the_lines_have_precision_1(self):
+    def test_points_on_the_lines_have_precision_1_and_those_beside_them_0(self):
         assert marking_precision(self.road_points(0.0), truth()) == 1
-
-    def test_points_next_to_the_lines_have_precision_0(self):
         assert marking_precision(self.road_points(0.6), truth()) == 0
+        assert marking_precision(self.road_points(0.0), None) is None
 
     def test_other_lanes_and_the_far_road_do_not_count(self):
         elsewhere = [[20.0, 8.0], [20.0, -8.0], [3.0, 0.0], [35.0, 0.0]]
@@ -98,21 +76,14 @@ class TestMarkingPrecision:
         # two stripes of 0.4 m in 3.6 m of lane and a metre on each side
         assert marking_precision(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
 
-    def test_nothing_known_is_none(self):
-        assert marking_precision(self.road_points(0.0), None) is None
 
-
-class TestMarkingRecall:
-    def test_a_dash_covers_its_length_of_one_line(self):
-        x = np.arange(10.0, 20.0, 0.1)
-        dash = np.column_stack([x, np.interp(x, X, truth()["right_y_m"]) + 0.1])
-        # 10 of the 25 m of one of two lines
-        assert marking_recall(dash, truth()) == pytest.approx(0.2, abs=0.01)
-        assert marking_recall(dash + [0, 0.3], truth()) == 0
-
-    def test_no_points_are_recall_0_and_no_truth_is_none(self):
-        assert marking_recall(np.empty((0, 2)), truth()) == 0
-        assert marking_recall(np.empty((0, 2)), None) is None
+def test_the_recall_of_a_dash_is_its_length_of_one_line():
+    x = np.arange(10.0, 20.0, 0.1)
+    dash = np.column_stack([x, np.interp(x, X, truth()["right_y_m"]) + 0.1])
+    # 10 of the 25 m of one of two lines
+    assert marking_recall(dash, truth()) == pytest.approx(0.2, abs=0.01)
+    assert marking_recall(dash + [0, 0.3], truth()) == marking_recall(np.empty((0, 2)), truth()) == 0
+    assert marking_recall(np.empty((0, 2)), None) is None
 
 
 def test_errors_are_worded():

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import matplotlib
+import matplotlib.pyplot as plt
+import numpy as np
+import pytest
 
-matplotlib.use("Agg")
-
-import matplotlib.pyplot as plt  # noqa: E402
-import numpy as np  # noqa: E402
-import pytest  # noqa: E402
-
-from course import plots  # noqa: E402
+from course import plots
+from course.sketch import sketch_conventions
 
 
 @pytest.fixture(autouse=True)
 def close_figures():
+    plt.switch_backend("agg")
     yield
     plt.close("all")
 
 
 def photo(height: int = 72, width: int = 128) -> np.ndarray:
-    image = np.zeros((height, width, 3), np.uint8)
-    image[:, : width // 2] = (255, 0, 0)
-    return image
+    return np.zeros((height, width, 3), np.uint8)
 
 
 def test_marks_ahead_lie_on_the_rows_of_these_distances():
@@ -45,17 +41,12 @@ def test_one_axis_for_each_picture_with_its_title():
     figure, axes = plots.show_pictures([photo()] * 3, ["raw", "undistorted", "view"], columns=2)
     assert [axis.get_title() for axis in axes] == ["raw", "undistorted", "view"]
     assert len(figure.axes) == 3
-    assert axes[0].get_subplotspec().rowspan.start == 0
-    assert axes[2].get_subplotspec().rowspan.start == 1
+    assert [axis.get_subplotspec().rowspan.start for axis in axes] == [0, 0, 1]
 
 
 @pytest.mark.parametrize(
     ("mask", "limits"),
-    [
-        (np.eye(9, dtype=bool), (0, 1)),
-        (np.zeros((9, 9), np.uint8), (0, 1)),
-        (np.eye(9, dtype=np.uint8) * 100, (0, 255)),
-    ],
+    [(np.eye(9) > 0, (0, 1)), (np.zeros((9, 9), np.uint8), (0, 1)), (np.eye(9, dtype=np.uint8) * 100, (0, 255))],
 )
 def test_masks_are_gray_with_fixed_limits(mask, limits):
     """An empty mask must come out black, and a dim gray picture dim."""
@@ -72,10 +63,10 @@ def test_height_follows_the_pictures():
     assert wide.get_size_inches()[1] < 2 < 15 < tall.get_size_inches()[1]
 
 
-@pytest.mark.parametrize(("images", "titles"), [([], []), ([photo()], ["a", "b"])])
-def test_titles_that_do_not_fit(images, titles):
-    with pytest.raises(ValueError, match=f"got {len(images)} images and {len(titles)} titles"):
-        plots.show_pictures(images, titles)
+def test_titles_that_do_not_fit():
+    for images, titles in (([], []), ([photo()], ["a", "b"])):
+        with pytest.raises(ValueError, match=f"got {len(images)} images and {len(titles)} titles"):
+            plots.show_pictures(images, titles)
 
 
 def test_histogram():
@@ -84,20 +75,15 @@ def test_histogram():
     _, axis = plots.plot_histogram(counts, left_px=40, right_px=120)
     assert [line.get_xdata()[0] for line in axis.lines] == [40, 120]
     assert axis.get_xlabel() == "column (pixels)"
-    assert [text.get_text() for text in axis.get_legend().get_texts()] == [
-        "left start, column 40",
-        "right start, column 120",
-    ]
+    words = [text.get_text() for text in axis.get_legend().get_texts()]
+    assert words == ["left start, column 40", "right start, column 120"]
 
 
 def test_series_has_units_gaps_and_truth():
     times_s = np.arange(5) / 25
     values = np.array([0.1, 0.2, np.nan, 0.4, 0.5])
-    figure, axes = plots.plot_series(
-        times_s,
-        {"offset (m)": {"measured": values, "truth": values + 0.01}, "curvature (1/m)": {"measured": values}},
-        title="Drive",
-    )
+    series = {"offset (m)": {"measured": values, "truth": values + 0.01}, "curvature (1/m)": {"measured": values}}
+    _, axes = plots.plot_series(times_s, series, title="Drive")
     assert [axis.get_ylabel() for axis in axes] == ["offset (m)", "curvature (1/m)"]
     assert axes[-1].get_xlabel() == "time (s)"
     assert axes[0].get_title(loc="left") == "Drive"
@@ -150,3 +136,13 @@ def test_a_path_keeps_its_shape():
     assert axis.get_aspect() == 1
     np.testing.assert_array_equal(axis.lines[0].get_xydata(), path)
     assert axis.lines[1].get_linestyle() == "--"
+
+
+def test_three_views_name_every_quantity():
+    _, axes = sketch_conventions()
+    assert [axis.get_title() for axis in axes] == ["From above", "From the side", "From behind"]
+    text = " ".join(note.get_text() for axis in axes for note in axis.texts)
+    for quantity in ("x forward", "y left", "z up", "offset > 0", "heading > 0", "curvature > 0"):
+        assert quantity in text
+    for angle in ("yaw > 0", "pitch > 0", "roll > 0"):
+        assert angle in text

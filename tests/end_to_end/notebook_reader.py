@@ -6,9 +6,7 @@ is executed once.
 
 from __future__ import annotations
 
-import importlib
 import json
-import pkgutil
 import random
 import re
 from collections import defaultdict
@@ -19,7 +17,7 @@ import nbformat
 import pytest
 from nbval.plugin import IPyNbCell, IPyNbFile
 
-from tests.course import wrong_answers
+from tests.course.wrong_answers import WRONG_ANSWERS
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
@@ -111,8 +109,4 @@ def exercises() -> list[tuple[str, str, str]]:
 
 def wrong() -> list[tuple[str, str, str]]:
     """(number, code, part of the hint) of each wrong answer."""
-    cases = []
-    for module in pkgutil.iter_modules(wrong_answers.__path__):
-        answers = importlib.import_module(f"tests.course.wrong_answers.{module.name}").WRONG_ANSWERS
-        cases += [(number, code, hint) for number, listed in answers.items() for code, hint in listed]
-    return cases
+    return [(number, code, hint) for number, listed in WRONG_ANSWERS.items() for code, hint in listed]

@@ -40,8 +40,7 @@ def test_the_list_of_commands_comes_quickly():
 
 
 def test_help_ends_with_examples_and_loads_no_plots():
-    listed = [*commands(), *PROGRAMS]
-    running = {name: start(name, "--help", python=("-X", "importtime")) for name in listed}
+    running = {name: start(name, "--help", python=("-X", "importtime")) for name in (*commands(), *PROGRAMS)}
     for name, child in running.items():
         out, err = child.communicate(timeout=60)
         program = f"python -m {name}" if name in PROGRAMS else f"python -m lanes {name}"

@@ -21,22 +21,13 @@ from tests.support.project import ROOT
 MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__", "tools.ablation": "tools.ablation"}
 KNOWN = {*COMMANDS, *MODULES}
 # Options of git, pip, Dask and nbconvert.
-OF_OTHERS = {
-    "--require-hashes",
-    "--depth",
-    "--version",
-    "--nworkers",
-    "--nthreads",
-    "--lifetime",
-    "--lifetime-stagger",
-    "--to",
-    "--execute",
-    "--inplace",
-}
+OF_OTHERS = {"--require-hashes", "--depth", "--version", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"}
+OF_OTHERS |= {"--to", "--execute", "--inplace"}
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 BENCHMARK = ROOT / "docs" / "benchmark"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
+each_page = pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
 
 
 def options_of(command: str) -> set[str]:
@@ -45,14 +36,19 @@ def options_of(command: str) -> set[str]:
     return {option for action in parser._actions for option in action.option_strings}
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_links_exist(page):
-    targets = re.findall(r"\]\(([^)\s]+)\)", page.read_text(encoding="utf-8"))
-    targets = [target.split("#")[0] for target in targets if not re.match(r"https?:|#", target)]
-    assert not [target for target in targets if not (page.parent / target).exists()]
+@each_page
+def test_the_links_modules_and_helpers_that_are_named_exist(page):
+    text = page.read_text(encoding="utf-8")
+    targets = [target.split("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text)]
+    assert not [at for at in targets if not at.startswith(("http:", "https:")) and not (page.parent / at).exists()]
+    packages = "lanes|classic|simulator|benchmark|course|tests|tools"
+    paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", text)
+    assert not [path for path in paths if not (ROOT / path).exists()]
+    helpers_named = set(re.findall(r"helpers\.([a-z_]+)", text)) - {"py"}
+    assert not [name for name in helpers_named if not hasattr(helpers, name)]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@each_page
 def test_commands_and_their_options_exist(page):
     text = page.read_text(encoding="utf-8")
     for command, rest in re.findall(r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)", text):
@@ -66,16 +62,10 @@ def test_commands_and_their_options_exist(page):
         assert options <= options_of(command), command
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@each_page
 def test_options_in_the_text_belong_to_a_command(page):
     known = set().union(*map(options_of, KNOWN)) | OF_OTHERS
     assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8"))) <= known
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_names_of_helpers_exist(page):
-    named = set(re.findall(r"helpers\.([a-z_]+)", page.read_text(encoding="utf-8"))) - {"py"}
-    assert not [name for name in named if not hasattr(helpers, name)]
 
 
 def test_names_of_lanes_exist():
@@ -85,19 +75,9 @@ def test_names_of_lanes_exist():
     assert {"find_lane", "LaneTracker", "LaneError"} <= named <= set(lanes.__all__)
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
-def test_modules_named_exist(page):
-    packages = "lanes|classic|simulator|benchmark|course|tests|tools"
-    paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", page.read_text(encoding="utf-8"))
-    assert not [path for path in paths if not (ROOT / path).exists()]
-
-
 def test_the_finder_of_the_guide_finds_a_lane():
-    code = re.search(
-        r"```python\n(# my_finder.py.*?)```", (ROOT / "docs" / "own_finder.md").read_text("utf-8"), re.DOTALL
-    )
-    names: dict = {}
-    exec(code[1], names)
+    text, names = (ROOT / "docs" / "own_finder.md").read_text("utf-8"), {}
+    exec(re.search(r"```python\n(# my_finder.py.*?)```", text, re.DOTALL)[1], names)
     camera = helpers.load_camera(ROOT / "test_videos" / "project_video.yaml")
     image = helpers.read_image(ROOT / "test_images" / "straight_lines1.jpg")
     left, right = (np.polyval(line, 10.0) for line in names["my_finder"](image, camera))
@@ -105,29 +85,12 @@ def test_the_finder_of_the_guide_finds_a_lane():
     assert names["my_finder"](np.zeros_like(image), camera) is None
 
 
-def test_the_guides_exist():
-    assert {page.name for page in PAGES} >= {
-        "README.md",
-        "own_camera.md",
-        "when_it_fails.md",
-        "glossary.md",
-        "conventions.md",
-        "references.md",
-        "many_drives.md",
-        "robustness.md",
-    }
-    assert "(pictures/explained_good.jpg)" in (ROOT / "docs" / "when_it_fails.md").read_text(encoding="utf-8")
-
-
-def test_the_animation_moves_and_is_small():
+def test_the_readme_is_short_and_its_animation_moves_and_is_small():
+    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
     path = ROOT / "docs" / "pictures" / "tracked.webp"
     with Image.open(path) as animation:
         assert animation.n_frames > 20
     assert path.stat().st_size < 1_500_000
-
-
-def test_the_readme_is_short():
-    assert len((ROOT / "README.md").read_text(encoding="utf-8").splitlines()) <= 120
 
 
 def cells_of(line: str) -> list[str]:

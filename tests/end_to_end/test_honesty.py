@@ -111,7 +111,7 @@ def test_the_published_table_has_every_scene_and_frame():
     for name, scene in SUITE.items():
         assert rows[name]["difficulty"] == scene.difficulty
         assert rows[name]["frames"] == pytest.approx(25 * scene.seconds, abs=1)
-        # all frames of a scene have a lane, or none has, as in its truth (tests/simulator/test_suite.py)
+        # all frames of a scene have a lane, or none has, as in its truth (tests/simulator/test_scenes.py)
         assert rows[name]["lane_frames"] == (0 if scene.difficulty == NO_LANE else rows[name]["frames"])
 
 

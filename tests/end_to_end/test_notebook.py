@@ -6,46 +6,34 @@ import json
 import re
 
 import numpy as np
-import pytest
 
 from course.exercises.check import CHECKS
-from tests.end_to_end.compare_figures import figure_fault
-from tests.end_to_end.notebook_reader import exercises, wrong
-from tests.support.project import ROOT
+from tests.end_to_end.nbval_plugin import figure_fault
+from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, wrong
 
-NOTEBOOK = ROOT / "project.ipynb"
 # Cells whose output may differ between runs: none.
 MAY_IGNORE_OUTPUT: set[str] = set()
 
 
-@pytest.fixture(scope="module")
-def notebook() -> dict:
-    return json.loads(NOTEBOOK.read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def code_cells(notebook) -> list[dict]:
-    return [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
+TEXT = NOTEBOOK.read_text(encoding="utf-8")
+CELLS = json.loads(TEXT)["cells"]
+CODE_CELLS = [cell for cell in CELLS if cell["cell_type"] == "code"]
 
 
 def source(cell: dict) -> str:
     return "".join(cell["source"])
 
 
-def test_is_executed_from_top_to_bottom(code_cells):
+def test_is_executed_from_top_to_bottom_without_errors():
     # nbval accepts a notebook without outputs, so its comparison depends on this test.
-    assert [cell["execution_count"] for cell in code_cells] == list(range(1, len(code_cells) + 1))
+    assert [cell["execution_count"] for cell in CODE_CELLS] == list(range(1, len(CODE_CELLS) + 1))
+    for cell in CODE_CELLS:
+        kinds = {output["output_type"] for output in cell["outputs"]} | {o.get("name") for o in cell["outputs"]}
+        assert not kinds & {"error", "stderr"}, source(cell)
 
 
-def test_has_no_errors_and_no_stderr(code_cells):
-    for cell in code_cells:
-        for output in cell["outputs"]:
-            assert output["output_type"] != "error", source(cell)
-            assert output.get("name") != "stderr", source(cell)
-
-
-def test_nothing_is_hidden_from_the_comparison(code_cells):
-    for cell in code_cells:
+def test_nothing_is_hidden_from_the_comparison():
+    for cell in CODE_CELLS:
         tags = set(cell["metadata"].get("tags", []))
         assert not tags & {"nbval-skip", "raises-exception", "nbval-raises-exception"}, source(cell)
         assert "nbval-ignore-output" not in tags or cell["id"] in MAY_IGNORE_OUTPUT, source(cell)
@@ -53,30 +41,30 @@ def test_nothing_is_hidden_from_the_comparison(code_cells):
         assert "NBVAL_" not in source(cell) or not cell["outputs"], source(cell)
 
 
-def test_cells_are_short(notebook, code_cells):
-    assert len(notebook["cells"]) <= 220
-    for cell in code_cells:
+def test_cells_are_short():
+    assert len(CELLS) <= 220
+    for cell in CODE_CELLS:
         lines = source(cell).splitlines()
         assert len(lines) <= 15, source(cell)
         # nbval shows the value that a trailing semicolon hides in Jupyter
         assert not any(line.rstrip().endswith(";") for line in lines), source(cell)
 
 
-def test_every_code_cell_is_announced_by_text(notebook):
-    kinds = [cell["cell_type"] for cell in notebook["cells"]]
+def test_every_code_cell_is_announced_by_text():
+    kinds = [cell["cell_type"] for cell in CELLS]
     assert kinds[0] == "markdown"
     assert all(before == "markdown" for before, kind in zip(kinds, kinds[1:], strict=False) if kind == "code")
 
 
-def test_the_reader_writes_the_steps_in_opencv_and_numpy(code_cells):
-    calls = set(re.findall(r"\b(?:cv2|np)\.[\w.]+(?=\()", "\n".join(map(source, code_cells))))
+def test_the_reader_writes_the_steps_in_opencv_and_numpy():
+    calls = set(re.findall(r"\b(?:cv2|np)\.[\w.]+(?=\()", "\n".join(map(source, CODE_CELLS))))
     assert len(calls) >= 40, sorted(calls)
 
 
-def test_every_chapter_has_a_question_with_a_folded_answer_and_a_check_that_prints_a_number(notebook):
+def test_every_chapter_has_a_question_with_a_folded_answer_and_a_check_that_prints_a_number():
     text = "\n".join(
         f"\n{source(cell)}" if cell["cell_type"] == "markdown" else f"CODE:{source(cell)}\nOUT:{printed(cell)}"
-        for cell in notebook["cells"]
+        for cell in CELLS
     )
     for chapter in re.split(r"\n(?=## \d+\. )", text)[1:]:
         title = chapter.splitlines()[0]
@@ -97,11 +85,10 @@ def test_every_exercise_has_a_check_a_solution_and_wrong_answers():
     assert {number for number, _, _ in wrong()} == set(numbers)
 
 
-def test_is_light_and_names_no_machine(notebook):
-    text = NOTEBOOK.read_text(encoding="utf-8")
-    assert len(text) < 3e6
-    assert notebook["metadata"]["kernelspec"]["name"] == "python3"
-    assert not re.search(r"/(home|root|Users|work|tmp)/", text)
+def test_is_light_and_names_no_machine():
+    assert len(TEXT) < 3e6
+    assert json.loads(TEXT)["metadata"]["kernelspec"]["name"] == "python3"
+    assert not re.search(r"/(home|root|Users|work|tmp)/", TEXT)
 
 
 def test_figure_comparison_notices_a_change():

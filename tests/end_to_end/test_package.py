@@ -32,7 +32,6 @@ SETTINGS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PROJECT = SETTINGS["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 SOURCES = ("lanes", "pyproject.toml", "README.md", "LICENSE")
-FOLDERS = ("purelib", "scripts")
 FRAMES = 12
 
 
@@ -42,37 +41,35 @@ def by_name(lines: list[str]) -> dict[str, Requirement]:
 
 def pins(name: str) -> dict[str, Version]:
     """The versions that a requirements file pins; its hashes and comments are left out."""
-    lines = (ROOT / name).read_text(encoding="utf-8").splitlines()
-    found = (re.match(r"([\w.-]+)(?:\[\w+\])?==([\w.+!]+)", line) for line in lines)
-    return {canonicalize_name(pin[1]): Version(pin[2]) for pin in found if pin}
+    found = re.findall(r"^([\w.-]+)(?:\[\w+\])?==([\w.+!]+)", (ROOT / name).read_text(encoding="utf-8"), re.MULTILINE)
+    return {canonicalize_name(package): Version(version) for package, version in found}
 
 
-def lowest(required: Requirement) -> Version:
-    """The lower end of a range, which may be a pin."""
-    [version] = [limit.version for limit in required.specifier if limit.operator in (">=", "==")]
-    return Version(version)
+PINNED = pins("requirements.txt")
+
+
+def lowest(lines: list[str]) -> dict[str, Version]:
+    """The lower ends of ranges, which may be pins."""
+    limits = [(name, limit) for name, required in by_name(lines).items() for limit in required.specifier]
+    return {name: Version(limit.version) for name, limit in limits if limit.operator in (">=", "==")}
 
 
 def test_the_pins_are_in_the_declared_ranges_and_of_their_first_minor_release():
-    pinned = pins("requirements.txt")
     for name, required in by_name(PROJECT["dependencies"]).items():
-        assert pinned[name] in required.specifier, name
-        assert pinned[name].release[:2] == lowest(required).release[:2], name
+        assert PINNED[name] in required.specifier, name
+    first = {name: version.release[:2] for name, version in lowest(PROJECT["dependencies"]).items()}
+    assert first == {name: PINNED[name].release[:2] for name in by_name(PROJECT["dependencies"])}
 
 
 def test_the_lock_has_the_pins_and_the_lower_ends_of_the_extras():
-    locked = pins("requirements.lock")
-    wanted = pins("requirements.txt")
-    for extra in ("cluster", "book"):
-        wanted |= {name: lowest(required) for name, required in by_name(EXTRAS[extra]).items()}
+    locked, wanted = pins("requirements.lock"), PINNED | lowest(EXTRAS["cluster"]) | lowest(EXTRAS["book"])
     assert wanted == {name: locked.get(name) for name in wanted}, "run `make lock`"
 
 
 def test_the_packages_for_measuring_are_beside_those_of_the_tests():
     """Both are imported by one Python: a package in both has the same version."""
-    pinned = pins("requirements.txt")
-    measuring = {name: lowest(required) for name, required in by_name(EXTRAS["measuring"]).items()}
-    assert {name: pinned[name] for name in measuring.keys() & pinned.keys()} == {"pytest": measuring["pytest"]}
+    measuring = lowest(EXTRAS["measuring"])
+    assert {name: PINNED[name] for name in measuring.keys() & PINNED.keys()} == {"pytest": measuring["pytest"]}
 
 
 def test_the_files_that_mutmut_changes_and_runs_exist():
@@ -128,29 +125,27 @@ def test_the_sdist_holds_the_package_and_nothing_else(sdist):
     assert {name for name in names if name.startswith("lanes/")} == {name for name in here if not name.endswith(".pyc")}
 
 
-def install(package: Path, environment: Path) -> Path:
-    """Install a package into a new environment, which borrows the dependencies; returns the folder of the commands."""
-    venv.create(environment, symlinks=os.name != "nt")
-    modules, commands = (Path(sysconfig.get_path(name, "venv", {"base": environment})) for name in FOLDERS)
-    (modules / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
-    options = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
-    subprocess.run([commands / "python", "-m", "pip", "install", *options, package], cwd=environment, check=True)
-    return commands
-
-
 @pytest.fixture(scope="module")
 def installed(sdist, tmp_path_factory) -> Path:
-    """The folder of the commands of an environment with the package; pip builds a wheel from the sdist."""
-    return install(sdist, tmp_path_factory.mktemp("environment") / "environment")
+    """The folder of the commands of an environment with the package, which borrows the dependencies.
+
+    pip builds a wheel from the sdist.
+    """
+    environment = tmp_path_factory.mktemp("environment") / "environment"
+    venv.create(environment, symlinks=os.name != "nt")
+    where = sysconfig.get_paths("venv", {"base": environment})
+    modules, commands = Path(where["purelib"]), Path(where["scripts"])
+    (modules / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
+    options = ["--quiet", "--no-deps", "--no-index", "--no-build-isolation"]
+    subprocess.run([commands / "python", "-m", "pip", "install", *options, sdist], cwd=environment, check=True)
+    return commands
 
 
 def run_in(folder: Path, *command: object) -> str:
     """What a command prints in a folder from which Python cannot import the clone."""
     environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(
-        list(map(str, command)), cwd=folder, env=environment, check=True, capture_output=True, text=True
-    )
-    return done.stdout
+    words = list(map(str, command))
+    return subprocess.run(words, cwd=folder, env=environment, check=True, capture_output=True, text=True).stdout
 
 
 @pytest.mark.slow

@@ -30,14 +30,12 @@ def folder(tmp_path_factory):
     with VideoWriter(folder / HOSTILE, fps=20, crf=4) as writer:
         for number in range(200):
             writer.write(np.full((180, 320, 3), 30 + number, np.uint8))
-    write_report(folder / "inside.html", title=HOSTILE, video=folder / HOSTILE, telemetry=story(), settings={"a": "b"})
-    write_report(
-        folder / "linked.html", title="t", video=folder / HOSTILE, telemetry=story(), settings={}, max_embedded_bytes=0
-    )
-    gone = folder / "gone.mp4"
-    gone.write_bytes(b"0")
-    write_report(folder / "gone.html", title="t", video=gone, telemetry=story(), settings={}, max_embedded_bytes=0)
-    gone.unlink()
+    story_of = {"title": HOSTILE, "telemetry": story(), "settings": {"a": "b"}}
+    write_report(folder / "inside.html", video=folder / HOSTILE, **story_of)
+    write_report(folder / "linked.html", video=folder / HOSTILE, max_embedded_bytes=0, **story_of)
+    (folder / "gone.mp4").write_bytes(b"0")
+    write_report(folder / "gone.html", video=folder / "gone.mp4", max_embedded_bytes=0, **story_of)
+    (folder / "gone.mp4").unlink()
     return folder
 
 
@@ -96,12 +94,8 @@ def test_the_measures_next_to_the_video(page):
     assert text_of(page, "lines") == "yellow double solid | dashed"
     assert page.execute_script("return offsetWords(-0.0123, 0.001)") == "0.01 ± 0.01 m right"
     assert text_of(page, "bend") == "left, R 1000 m"
-    assert page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)") == [
-        "left, R 500 m",
-        "right, R 100 m",
-        "straight (R > 3 km)",
-        "left, R 10 m",
-    ]
+    bends = page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)")
+    assert bends == ["left, R 500 m", "right, R 100 m", "straight (R > 3 km)", "left, R 10 m"]
 
 
 def test_buttons_seek_to_moments(page):
@@ -122,7 +116,9 @@ def test_keys_seek(page):
         assert page.execute_script("return video.currentTime") == pytest.approx(expected, abs=0.02)
 
 
-def test_hostile_names_are_escaped(page):
+def test_hostile_names_are_escaped_and_nothing_is_fetched(page):
+    fetched = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
+    assert all(name.startswith(("blob:", "file:")) for name in fetched)
     assert page.execute_script("return document.title") == f"{HOSTILE}: lane report"
     assert page.execute_script("return document.querySelectorAll('img').length") == 0
     assert page.execute_script("return document.querySelector('h1').textContent") == HOSTILE
@@ -134,21 +130,13 @@ def test_hostile_names_are_escaped(page):
     assert "Content Security Policy" in page.console()[0]
 
 
-def test_nothing_is_fetched(page):
-    fetched = page.execute_script("return performance.getEntriesByType('resource').map(e => e.name)")
-    assert all(name.startswith(("blob:", "file:")) for name in fetched)
-
-
-def test_a_linked_video_plays_too(browser, folder):
+def test_a_linked_video_plays_too_and_a_missing_one_is_named(browser, folder):
     browser.open(folder / "linked.html")
     browser.wait("video.readyState >= 3")
     browser.click("#track", across=0.5)
     browser.wait("!video.seeking && video.currentTime > 4")
     assert browser.execute_script("return document.getElementById('missing').hidden")
     assert browser.console() == []
-
-
-def test_a_missing_video_is_named(browser, folder):
     browser.open(folder / "gone.html")
     browser.wait("!document.getElementById('missing').hidden")
     assert "gone.mp4" in browser.execute_script("return document.getElementById('missing').innerText")
@@ -168,11 +156,9 @@ def test_the_page_fits_every_screen_width(page, width):
 
 
 def test_light_and_dark_scheme(page):
-    backgrounds = []
-    for dark in (False, True):
+    for dark, background in ((False, "rgb(250, 250, 250)"), (True, "rgb(20, 23, 26)")):
         page.set_dark(dark)
-        backgrounds.append(page.execute_script("return getComputedStyle(document.body).backgroundColor"))
-    assert backgrounds == ["rgb(250, 250, 250)", "rgb(20, 23, 26)"]
+        assert page.execute_script("return getComputedStyle(document.body).backgroundColor") == background
 
 
 def test_the_video_has_no_bars(page):

@@ -56,7 +56,6 @@ def names(folder: Path) -> set[str]:
 
 def require_whole(folder: Path) -> None:
     """Check that every existing file of WRITES can be read to its end."""
-    there = names(folder)
     whole: dict[str, Callable[[Path], object]] = {
         "a.png": read_image,
         "a.jsonl": lambda path: [json.loads(line) for line in path.read_text().splitlines()][199],
@@ -65,7 +64,7 @@ def require_whole(folder: Path) -> None:
         "a.html": lambda path: path.read_bytes().index(b"</p>"),
         "a.mp4": lambda path: [inspect_video(path).frames][4 - inspect_video(path).frames],
     }
-    for name in there & NAMES:
+    for name in names(folder) & NAMES:
         whole[name](folder / name)
 
 
@@ -87,9 +86,6 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
     assert process.returncode == 0, err
     assert names(tmp_path) == NAMES
     require_whole(tmp_path)
-
-
-# --- commands
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +130,7 @@ def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
     assert len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
 
 
-OLD = ("drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml")
+OLD = {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml"}
 # Commands, and a limit on the size of their files that is too small for one of them.
 FULL = {
     "video": (20_000, annotate),
@@ -152,11 +148,9 @@ def test_file_size_limit(what, drive, tmp_path):
     for name in OLD:
         (tmp_path / name).write_text(f"old {name}")
     status, _, err = run(*arguments(drive, tmp_path), limit_bytes=limit_bytes)
-    assert status == 1, err
-    assert "cannot be written" in err and "Traceback" not in err
-    files = {path.name: path for path in tmp_path.rglob("*") if path.is_file()}
-    assert set(files) == set(OLD)
-    assert {name for name, path in files.items() if path.read_text() != f"old {name}"} == set()
+    assert status == 1 and "cannot be written" in err and "Traceback" not in err, err
+    assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == OLD
+    assert {name for name in OLD if (tmp_path / name).read_text() != f"old {name}"} == set()
 
 
 def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):

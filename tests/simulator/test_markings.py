@@ -40,10 +40,8 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
     """Centre and width in metres of the stripes in the image row `x_m` ahead, from left to right."""
-    camera = replace(DASHCAM, pose=POSE)
-    ground = cast_on_ground(
-        pixel_rays(camera), camera, RoadAhead(RoadGeometry([0.0, 300.0], [0.0, 0.0]), VehiclePose(50.0))
-    )
+    camera, road = replace(DASHCAM, pose=POSE), RoadGeometry([0.0, 300.0], [0.0, 0.0])
+    ground = cast_on_ground(pixel_rays(camera), camera, RoadAhead(road, VehiclePose(50.0)))
     black = np.zeros((*ground.s.shape, 3), np.float32)
     paint_markings(black, markings, ground, station_m=50.0, seed=1)
     row = round(float(camera.road_to_pixels(np.array([[x_m, markings[0].lateral_m]]))[0, 1])) - ground.top
@@ -65,9 +63,9 @@ def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_
 def test_solid_and_broken_marking_next_to_each_other():
     """The right line has a dash from 6 m to 9.05 m ahead, then a gap of 9.15 m; the left line is solid."""
     solid, broken = Marking(1.91, wear=0.0), Marking(1.69, dashed=True, phase_m=56.0, wear=0.0)
-    assert [d for d, _ in stripes_at((solid, broken), 7.5)] == pytest.approx([1.91, 1.69], abs=0.003)
-    assert [d for d, _ in stripes_at((solid, broken), 13.0)] == pytest.approx([1.91], abs=0.003)
-    assert [w for _, w in stripes_at((solid, broken), 7.5)] == pytest.approx([0.12, 0.12], rel=0.03)
+    near, far = (stripes_at((solid, broken), x_m) for x_m in (7.5, 13.0))
+    assert np.array(near) == pytest.approx(np.array([[1.91, 0.12], [1.69, 0.12]]), abs=0.003)
+    assert [d for d, _ in far] == pytest.approx([1.91], abs=0.003)
     # Both stripes of one double marking are broken together.
     both = (Marking(1.8, dashed=True, phase_m=56.0, double_gap_m=0.1, wear=0.0),)
     assert len(stripes_at(both, 7.5)) == 2 and stripes_at(both, 13.0) == []

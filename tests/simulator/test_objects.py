@@ -1,20 +1,29 @@
-"""Objects: projection, occlusion, shadows, walls, kerbs, bonnet and plants."""
+"""Objects: projection, occlusion, shadows, walls, kerbs, bonnet, plants; vehicles on a road, which hide its lines."""
 
+from __future__ import annotations
+
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
 
 from lanes.camera import Camera, CameraPose
 from simulator.objects.bonnet import bonnet_outline, paint_bonnet
 from simulator.objects.object_painter import paint_objects
-from simulator.objects.scene_objects import Car, PlacedWall, Post, Sign, Tree, objects_in_view
+from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post, Sign, Tree, objects_in_view
 from simulator.objects.shadows import shadow_polygons
+from simulator.objects.vehicles import footprint, outline_points
 from simulator.objects.walls import Wall
-from simulator.painting.brush import (
-    composite_over,
-    new_canvas,
-    uncovered_window,
-)
+from simulator.painting.brush import composite_over, new_canvas, uncovered_window
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.render import render_frame
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
+from simulator.road.surface import Zone
+from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_entry, truth_row
+from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
+from tests.simulator.small_drive import POSE, small_drive
 
 SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
 
@@ -24,18 +33,17 @@ def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0
     return Camera(640, 360, matrix, np.array(distortion), CameraPose(1.3, np.radians(-1.5), yaw, roll))
 
 
-def empty() -> np.ndarray:
-    return np.full((360, 640, 3), 0.3, np.float32)
+EMPTY = np.full((360, 640, 3), 0.3, np.float32)
 
 
 def draw(objects, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
     picture = new_canvas(360, 640)
     paint_objects(picture, lens or camera(), objects, sun_direction=sun, haze=haze)
-    return composite_over(picture, empty())
+    return composite_over(picture, EMPTY)
 
 
 def changed(objects, lens=None) -> np.ndarray:
-    return np.abs(draw(objects, lens) - empty()).max(axis=2) > 0.02
+    return np.abs(draw(objects, lens) - EMPTY).max(axis=2) > 0.02
 
 
 def straight_wall(y: float, kind: str, side: int, *, start: float = -4.0) -> Wall:
@@ -105,7 +113,7 @@ def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
     picture[3][window] = 1
     assert uncovered_window(picture[3]) == window and uncovered_window(picture[3, :150]) is None
     paint_objects(picture, camera(), EVERYTHING, sun_direction=SUN, haze=0.0)
-    seen = composite_over(picture, empty())
+    seen = composite_over(picture, EMPTY)
     np.testing.assert_allclose(seen[window], draw(EVERYTHING)[window], atol=1e-4)
     assert np.ptp(seen[window]) > 0.3
     seen[window] = 0
@@ -174,3 +182,60 @@ def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
     assert np.median(steps) < 0.2, "the edge is a ramp, not a step"
     np.testing.assert_array_equal(after, with_bonnet(3))
     assert np.abs(after - with_bonnet(4)).max() > 0.01
+
+
+PATH = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
+
+
+def bend_drive(*objects: PlacedObject) -> Drive:
+    """Off-centre car in a bend to the right, full-size images."""
+    camera, surface = replace(DASHCAM, pose=POSE), freeway_surface(Zone(0.0, "asphalt"))
+    return small_drive(-1 / 300, camera=camera, surface=surface, motion=Motion(100.0, 25.0, 0.3), objects=objects)
+
+
+def outline_mask(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.ndarray:
+    """Mask of the convex hull of a vehicle and its ground area, computed without the renderer."""
+    angle = float(drive.road.heading(s_m))
+    points = np.vstack([outline_points(body), 1.03 * footprint(body)])
+    foot = drive.road.position(s_m) + lateral_m * np.array([-np.sin(angle), np.cos(angle)])
+    world = foot + points[:, :1] * [np.cos(angle), np.sin(angle)] + points[:, 1:2] * [-np.sin(angle), np.cos(angle)]
+    level = drive.pose(0.0).to_car(drive.road, world)
+    camera = drive.camera_at(0.0)
+    in_camera = (np.column_stack([level, points[:, 2] - camera.pose.height_m])) @ camera.pose.rotation.T
+    pixels = cv2.projectPoints(in_camera, np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)[0].reshape(-1, 2)
+    mask = np.zeros((camera.height, camera.width), np.uint8)
+    cv2.fillConvexPoly(mask, cv2.convexHull(pixels.astype(np.float32)).reshape(-1, 2).round().astype(np.int32), 1)
+    return mask.astype(bool)
+
+
+@pytest.mark.parametrize(
+    ("body", "s_m", "lateral_m", "side"),
+    [("motorcycle", 114.0, LANE_WIDTH_M / 2 - 0.45, 0), ("truck", 122.0, -2.4, 1), ("suv", 118.0, -2.2, 1)],
+)
+def test_vehicle_hides_exactly_the_part_of_the_line_behind_it(body, s_m, lateral_m, side):
+    drive = bend_drive(PlacedObject(s_m, lateral_m, Car(0, 0, 0.0, "red", body)))
+    frame, camera = render_frame(drive), drive.camera_at(0.0)
+    assert truth_row(frame.truth, frame=0) == truth_row(bend_drive().truth(0.0), frame=0)
+    columns = line_pixels(frame.truth, side, camera)
+    label = truth_entry(frame.truth, raw_file="x.jpg", camera=camera, hidden=frame.hidden)
+    lost = (columns >= 0) & (np.array(label["lanes"][side]) == NOT_VISIBLE)
+    hull = outline_mask(drive, s_m, lateral_m, body)
+    # The contact shadow also hides paint next to the hull, and the road is visible between rider and mirror.
+    grown = cv2.dilate(hull.astype(np.uint8), np.ones((27, 27))).astype(bool)
+    shrunk = cv2.erode(hull.astype(np.uint8), np.ones((15, 15))).astype(bool)
+    at = [(v, round(float(u))) for v, u in zip(H_SAMPLES, columns, strict=True)]
+    inside = np.array([u >= 0 and shrunk[v, u] for v, u in at])
+    outside = np.array([u < 0 or not grown[v, u] for v, u in at])
+    assert not lost[outside].any()
+    if body != "motorcycle":
+        assert lost[inside].all()
+    assert inside.sum() >= 2 and lost[inside].sum() >= 2
+
+
+def test_lateral_path_passes_its_knots_and_sets_the_heading():
+    car = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, PATH)
+    np.testing.assert_allclose([car.lateral_at(t) for t, _ in PATH], [d for _, d in PATH], atol=1e-12)
+    assert car.lateral_at(-1.0) == PATH[0][1] and car.lateral_at(9.0) == PATH[-1][1]
+    # The slope of a smooth step at its middle is 1.5 times its mean.
+    assert car.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
+    assert car.path_heading_rad(2.5) == 0 and car.path_heading_rad(4.0) < 0

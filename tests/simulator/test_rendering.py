@@ -11,16 +11,12 @@ from lanes.camera import Camera
 from lanes.images import read_image
 from simulator.light.lens import Lens
 from simulator.light.sunlight import BridgeShade
-from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import line_polynomial
 from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
-from simulator.road.truth import truth_entry
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M
 from simulator.scenes.stills import still_scenes
 from tests.simulator.small_drive import POSE, SMALL, small_drive
 
@@ -64,8 +60,7 @@ def test_mirrored_scene_gives_mirrored_lines():
     assert (ours != theirs).mean() < 2e-3
 
 
-def test_pitch_moves_the_horizon():
-    """Pitch motion changes the pitch of the truth, not the position of the line."""
+def test_pitch_motion_changes_the_pitch_of_the_truth_not_its_lines():
     drive = small_drive(motion=Motion(60.0, 20.0, 0.3, pitch_rad=0.01, pitch_period_s=1.0))
     still, pitched = drive.truth(0.0), drive.truth(0.25)
     assert abs(pitched.pitch_rad - POSE.pitch_rad) > 0.003
@@ -78,21 +73,6 @@ def test_committed_still_is_rendered_again():
     again = render_frame(still_scenes()["test2"]).image.astype(int)
     # JPEG at quality 92 changes texture by a few levels, another scene by dozens.
     assert np.abs(committed - again).mean() < 2.5
-
-
-def test_car_hides_the_line_behind_it():
-    item = PlacedObject(60.0 + 12.5, LANE_WIDTH_M / 2, Car(0, 0, 0.0, "red"))
-    drive = small_drive(0.0, camera=replace(DASHCAM, pose=POSE))
-    open_road, behind = (
-        truth_entry(frame.truth, raw_file="x.jpg", camera=drive.camera, hidden=frame.hidden)
-        for frame in (render_frame(drive), render_frame(replace(drive, objects=(item,))))
-    )
-    left_open, left_hidden = (np.array(entry["lanes"][0]) for entry in (open_road, behind))
-    hidden = (left_open >= 0) & (left_hidden < 0)
-    assert 4 < hidden.sum() < 12
-    # The nearest part is in front of the car, and the other line is not hidden.
-    assert not hidden[left_open >= 0][-5:].any()
-    assert open_road["lanes"][1] == behind["lanes"][1]
 
 
 def test_bridge_shades_only_the_road_below_it():

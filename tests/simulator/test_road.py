@@ -1,16 +1,39 @@
-"""Road geometry: clothoids against fine numerical integration, and road coordinates of ground points."""
+"""Roads, also hairpins and crests: clothoids, road coordinates, ray casting, ground truth, occlusion by crests."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
-from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial, offset_point
+from simulator.objects.scene_objects import Car, PlacedObject
+from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.render import render_frame
+from simulator.road.geometry import (
+    HeightProfile,
+    RoadGeometry,
+    VehiclePose,
+    line_lateral,
+    line_polynomial,
+    offset_point,
+    surface_points,
+)
+from simulator.road.ground import cast_on_ground, pixel_rays
+from simulator.road.markings import WHITE, Marking
 from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import Surface, Zone
+from simulator.road.truth import VIDEO_X_M
+from simulator.scenes.dashcam import DASHCAM
+from tests.simulator.small_drive import small_drive
 
+SMALL = DASHCAM.scaled((640, 360))
 S_BEND = RoadGeometry([0.0, 75.0, 125.0, 175.0, 255.0, 330.0], [0.0, 0.0, 1 / 300, 1 / 300, -1 / 200, -1 / 200])
+STATIONS = [0.0, 30.0, 40.0, 85.0, 95.0, 120.0, 130.0, 165.0, 200.0]
+HAIRPINS = RoadGeometry(STATIONS, [0.0, 0.0, 1 / 20, 1 / 20, 0.0, 0.0, -1 / 16, -1 / 16, 0.0])
+# Uphill 9 %, over a crest of R 230 m, down, and through a dip.
+HILLY = HeightProfile([0.0, 60.0, 90.0, 110.0, 140.0], [0.09, 0.09, -0.04, -0.04, 0.06])
 
 
 def test_heading_and_position_are_the_integrals_of_curvature():
@@ -25,25 +48,6 @@ def test_heading_and_position_are_the_integrals_of_curvature():
     np.testing.assert_allclose(S_BEND.position(s), np.column_stack([x, y]), atol=1e-6)
 
 
-@settings(max_examples=40, deadline=None)
-@given(
-    curvatures=st.lists(st.floats(-1 / 150, 1 / 150), min_size=4, max_size=4),
-    lateral=st.floats(-1.5, 1.5),
-    heading=st.floats(-0.05, 0.05),
-    seed=st.integers(0, 1000),
-)
-def test_ground_points_get_their_road_coordinates(curvatures, lateral, heading, seed):
-    road = RoadGeometry([0.0, 50.0, 100.0, 180.0], curvatures)
-    pose = VehiclePose(20.0, lateral, heading)
-    rng = np.random.default_rng(seed)
-    s, d = rng.uniform(0, 120, 500), rng.uniform(-15, 15, 500)
-    points = pose.to_car(road, offset_point(road, pose.s_m + s, d)).astype(np.float32)
-    got_s, got_d = RoadAhead(road, pose).locate(points[:, 0], points[:, 1])
-    assert got_s.dtype == got_d.dtype == np.float32
-    np.testing.assert_allclose(got_s, s, atol=1e-3)
-    np.testing.assert_allclose(got_d, d, atol=1e-3)
-
-
 @pytest.mark.parametrize("lateral_m", [1.83, -1.83])
 def test_polynomial_touches_the_line_to_third_order(lateral_m):
     pose = VehiclePose(210.0, 0.4, 0.03)
@@ -53,3 +57,115 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
     np.testing.assert_allclose(line_lateral(S_BEND, pose, lateral_m, x), cubic, atol=1e-5)
     # Without the cubic term the error is larger, so c3 matters.
     assert np.abs(line_lateral(S_BEND, pose, lateral_m, x) - cubic + line.c3_per_m2 * x**3 / 6).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("road", "pose", "ahead_m", "lateral_m", "within_m"),
+    [
+        (S_BEND, VehiclePose(60.0, 0.4, -0.05), (0, 120), (-15, 15), 1e-3),
+        (S_BEND, VehiclePose(140.0, -1.5, 0.05), (0, 120), (-15, 15), 1e-3),
+        (HAIRPINS, VehiclePose(20.0, 0.4, -0.02), (-5, 70), (-3, 6), 4e-3),
+        (HAIRPINS, VehiclePose(60.0, -0.3, -0.07), (-5, 70), (-3, 6), 4e-3),
+        (HAIRPINS, VehiclePose(112.0), (-5, 70), (-3, 6), 4e-3),
+        (HAIRPINS, VehiclePose(150.0, 0.2, 0.1), (-5, 70), (-3, 6), 4e-3),
+    ],
+)
+def test_points_get_their_road_coordinates(road, pose, ahead_m, lateral_m, within_m):
+    """Those of a hairpin are up to the edges of a two-lane road, as far as the next bend does not overlap."""
+    s, d = (a.ravel() for a in np.meshgrid(np.linspace(*ahead_m, 600), np.linspace(*lateral_m, 25)))
+    points = pose.to_car(road, offset_point(road, pose.s_m + s, d)).astype(np.float32)
+    got_s, got_d = RoadAhead(road, pose).locate(*points.T)
+    np.testing.assert_allclose(got_d, d, atol=within_m)
+    np.testing.assert_allclose(got_s, s, atol=2.5 * within_m)
+
+
+@pytest.mark.parametrize("profile", [HILLY, HeightProfile([0.0, 80.0, 100.0], [0.0, 0.0, 0.12])])
+@pytest.mark.parametrize("s_m", [45.0, 70.0, 84.0])
+def test_rays_end_at_their_first_intersection_with_the_ground(profile, s_m):
+    road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
+    ahead = RoadAhead(road, VehiclePose(s_m, 0.3, 0.01))
+    rays = pixel_rays(SMALL) @ SMALL.pose.rotation.astype(np.float32)
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, ahead)
+    seen = ground.visible & (ground.distance < 80)
+    points = np.column_stack([ground.x[seen], ground.y[seen]])
+    ray = rays[ground.top :][seen].astype(float)
+    height = SMALL.pose.height_m + ray[:, 2] / ray[:, 0] * points[:, 0]
+    off = np.abs(ahead.lift_to_surface(points)[:, 2] - height)
+    # Rays that graze a crest can hit either side of it.
+    assert np.quantile(off, 0.995) < 2e-3
+    for got, looked_up in zip((ground.s, ground.d), ahead.locate(ground.x, ground.y), strict=True):
+        np.testing.assert_allclose(got[seen], looked_up[seen], atol=1e-3)
+    before = np.linspace(0.05, 0.97, 40)[:, None, None] * np.column_stack([points, height - SMALL.pose.height_m])[::97]
+    surface = ahead.lift_to_surface(before[..., :2].reshape(-1, 2))[:, 2]
+    assert (before[..., 2].ravel() + SMALL.pose.height_m - surface).min() > -0.01
+
+
+@pytest.mark.parametrize(
+    ("pose", "lateral_m"), [(VehiclePose(20.0, 0.4, -0.02), 1.6), (VehiclePose(112.0, 0.0, 0.02), -1.6)]
+)
+def test_lateral_position_in_a_hairpin_is_that_of_the_first_crossing_or_nan(pose, lateral_m):
+    s = pose.s_m + np.arange(-5, 60, 1e-3)
+    x, y = pose.to_car(HAIRPINS, offset_point(HAIRPINS, s, lateral_m)).T
+    got = line_lateral(HAIRPINS, pose, lateral_m, VIDEO_X_M)
+    first = [int(np.argmax(x > at)) if (x > at).any() else None for at in VIDEO_X_M]
+    turned = np.abs(HAIRPINS.heading(s) - pose.absolute_heading(HAIRPINS)) > np.radians(80)
+    expected = [np.nan if i is None or turned[:i].any() else y[i] for i in first]
+    assert np.isnan(expected).any() and np.isfinite(expected).sum() >= 3
+    np.testing.assert_allclose(got, expected, atol=6e-3)
+
+
+def painted_drive(road: RoadGeometry, start_m: float, **changes) -> Drive:
+    """White lines of a narrow lane; `changes` are fields of Drive."""
+    return small_drive(
+        camera=SMALL,
+        road=road,
+        line_laterals_m=(1.6, -1.6),
+        markings=tuple(Marking(lateral, 0.15, WHITE, wear=0.0) for lateral in (1.6, -1.6)),
+        surface=Surface((Zone(-100.0, "fresh asphalt"),), right_edge_m=-2.4, left_edge_m=5.4),
+        motion=Motion(start_m, 0.0, 0.2, rear_axle_m=1.6),
+        **changes,
+    )
+
+
+@pytest.mark.parametrize(
+    ("road", "start_m"),
+    [
+        (HAIRPINS, 22.0),
+        (HAIRPINS, 112.0),
+        (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 30.0),
+        (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 105.0),
+    ],
+)
+def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
+    drive = painted_drive(road, start_m)
+    frame = render_frame(drive)
+    # Paint is blue too, dry grass is not.
+    paint = frame.image[..., 2] > 120
+    from_paint = cv2.distanceTransform((~paint).astype(np.uint8), cv2.DIST_L2, 5)
+    off = []
+    for side in (0, 1):
+        points = surface_points(
+            road, frame.truth.pose, start_m + np.arange(2.5, 26.0, 0.2), frame.truth.laterals_m[side]
+        )
+        pixels = drive.camera_at(0.0).road_to_pixels(points)
+        # Only points in the image that no crest hides.
+        rising = np.minimum.accumulate(np.nan_to_num(pixels[:, 1], nan=1e9)) > pixels[:, 1] - 0.5
+        inside = rising & (pixels > [2, 215]).all(axis=1) & (pixels < [637, 357]).all(axis=1)
+        columns, rows = np.rint(pixels[inside]).astype(int).T
+        off += list(from_paint[rows, columns])
+    assert len(off) > 60
+    assert np.quantile(off, 0.97) <= 1.0 and max(off) < 2.5
+
+
+def test_crest_hides_objects_behind_it():
+    road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
+    ahead = RoadAhead(road, VehiclePose(20.0))
+    crest_distance_m = ahead.crest_distance_m(SMALL.pose.height_m)
+    assert 25 < crest_distance_m < 45
+    even = RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), VehiclePose(20.0))
+    assert even.crest_distance_m(1.3) == np.inf
+    bare = render_frame(painted_drive(road, 20.0)).image
+    for s_m, changes in ((20.0 + 0.7 * crest_distance_m, True), (20.0 + crest_distance_m + 45.0, False)):
+        item = PlacedObject(s_m, 0.4, Car(0, 0, 0.0, "red"))
+        picture = render_frame(painted_drive(road, 20.0, objects=(item,))).image
+        assert (np.abs(picture.astype(int) - bare).max() > 60) == changes

@@ -31,14 +31,9 @@ BENDS = RoadGeometry([0.0, 30.0, 40.0, 85.0], [0.0, 0.0, 1 / 20, 1 / 20])
 
 @pytest.mark.parametrize("curvature", [1 / 250, -1 / 250])
 def test_truth_lies_on_the_paint_of_the_picture(curvature):
-    drive = small_drive(curvature)
     camera = replace(DASHCAM, pose=POSE)
-    drive = replace(
-        drive,
-        camera=camera,
-        markings=(Marking(LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0), Marking(-LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0)),
-    )
-    frame = render_frame(drive)
+    markings = tuple(Marking(side * LANE_WIDTH_M / 2, 0.15, WHITE, wear=0.0) for side in (1, -1))
+    frame = render_frame(small_drive(curvature, camera=camera, markings=markings))
     light = frame.image[..., 2].astype(float)
     errors = []
     for side in (0, 1):

@@ -22,24 +22,21 @@ from simulator.weather.rain import Rain, Wet, windscreen_drops
 from tests.simulator.small_drive import PLAIN_LENS, SMALL, small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
+WIDE_LINE = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
 
 
 def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
     """`small_drive` on used asphalt at 20 m/s."""
-    base = {
-        "surface": freeway_surface(Zone(0.0, "asphalt")),
-        "motion": Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01),
-    }
-    return small_drive(curvature, **(base | changes))
+    motion = Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01)
+    return small_drive(curvature, **{"surface": freeway_surface(Zone(0.0, "asphalt")), "motion": motion} | changes)
+
+
+def straight_drive(**changes) -> Drive:
+    return asphalt_drive(0.0, motion=Motion(100.0), **changes)
 
 
 def under_bridge(**changes) -> Drive:
     return asphalt_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
-
-
-def adapted(drive: Drive, time_s: float) -> float:
-    light = RoadLight(drive.surface, drive.shades, drive.seed)
-    return drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, light, time_s)
 
 
 def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
@@ -49,10 +46,15 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
         motion=Motion(0.0, 400.0),
         exposure=AutoExposure(0.8),
     )
-    before, after = (np.log2(adapted(drive, t)) for t in (1.5, 12.0))
+    light = RoadLight(drive.surface, drive.shades, drive.seed)
+
+    def adapted(time_s: float) -> float:
+        return np.log2(drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, light, time_s))
+
+    before, after = adapted(1.5), adapted(12.0)
     # The metering area from 5 to 25 m ahead is passed in 0.05 s.
     step_s = (1000.0 - 15.0) / 400.0
-    shares = [(np.log2(adapted(drive, step_s + k * 0.8)) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
+    shares = [(adapted(step_s + k * 0.8) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
 
 
@@ -68,15 +70,14 @@ def test_frames_do_not_depend_on_their_order():
 def test_automatic_exposure_brightens_below_the_bridge_and_overexposes_beyond():
     """Compared with a fixed exposure: brighter in the shade, and too bright after it."""
     road = np.s_[270:330, 250:400]
-    levels = {}
-    for name, exposure in (("fixed", None), ("adapts", AutoExposure(0.5, 0.8))):
-        drive = under_bridge(lens=replace(PLAIN_LENS, adaptation=0.0))
-        drive = replace(drive, exposure=exposure)
-        levels[name] = np.array([render_frame(drive, t).image[road].mean() for t in (1.0, 2.6, 3.3)])
-    fixed, adapts = (levels[name] / levels[name][0] for name in ("fixed", "adapts"))
-    assert fixed[1] < 0.25
-    assert adapts[1] > 1.5 * fixed[1]
-    assert adapts[2] > 1.1 * fixed[2]
+    levels = []
+    for exposure in (None, AutoExposure(0.5, 0.8)):
+        drive = replace(under_bridge(lens=replace(PLAIN_LENS, adaptation=0.0)), exposure=exposure)
+        before, *later = (render_frame(drive, t).image[road].mean() for t in (1.0, 2.6, 3.3))
+        levels.append(later / before)
+    fixed, adapts = levels
+    assert fixed[0] < 0.25
+    assert adapts[0] > 1.5 * fixed[0] and adapts[1] > 1.1 * fixed[1]
 
 
 def test_bridge_hides_the_sky_and_no_lane_line():
@@ -88,36 +89,37 @@ def test_bridge_hides_the_sky_and_no_lane_line():
     assert hidden[:100].mean() > 0.5
 
 
-def ground_levels(drive: Drive, x_m: np.ndarray, y_m: np.ndarray, monkeypatch) -> np.ndarray:
-    """Linear green light of the ground at points `x_m`, `y_m` (N,), before development."""
+def linear_light(drive: Drive, monkeypatch) -> np.ndarray:
+    """Light (height, width, 3) of the first frame before development."""
     lights = []
     monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
     render_frame(drive)
-    columns, rows = drive.camera_at(0.0).road_to_pixels(np.column_stack([x_m, y_m])).round().astype(int).T
-    return lights[0][rows, columns, 1]
+    return lights[0]
+
+
+def ground_levels(drive: Drive, x_m: np.ndarray, y_m: float, monkeypatch) -> np.ndarray:
+    """Linear green light of the ground at distances `x_m` (N,)."""
+    points = np.column_stack([x_m, np.full_like(x_m, y_m)])
+    columns, rows = drive.camera_at(0.0).road_to_pixels(points).round().astype(int).T
+    return linear_light(drive, monkeypatch)[rows, columns, 1]
 
 
 def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     """Contrast of paint and pavement: 5 % is left at the visibility, and its square at twice the visibility."""
     x = np.array([10.0, 20.0, 40.0])
-    drive = asphalt_drive(
-        0.0,
-        motion=Motion(100.0),
-        markings=(replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),),
-        surface=replace(freeway_surface(Zone(0.0, "concrete")), seams=()),
-    )
+    surface = replace(freeway_surface(Zone(0.0, "concrete")), seams=())
+    drive = straight_drive(markings=WIDE_LINE, surface=surface)
     contrast = {}
     for fog in (None, Fog(20.0)):
-        paint, beside = (ground_levels(replace(drive, fog=fog), x, 0 * x + y, monkeypatch) for y in (1.83, 3.3))
+        paint, beside = (ground_levels(replace(drive, fog=fog), x, y, monkeypatch) for y in (1.83, 3.3))
         contrast[fog] = paint - beside
     np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
 
 
 def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
     def contrast(azimuth: float, **changes) -> float:
-        drive = asphalt_drive(0.0, motion=Motion(100.0), sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
-        x = np.array([10.0, 15.0, 25.0])
-        paint, road = (ground_levels(drive, x, 0 * x + y, monkeypatch) for y in (1.83, 1.0))
+        drive = straight_drive(sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
+        paint, road = (ground_levels(drive, np.array([10.0, 15.0, 25.0]), y, monkeypatch) for y in (1.83, 1.0))
         return float((paint / road).mean())
 
     shaded = contrast(0.0, shades=(WoodShade(-50.0, 400.0, 0.01),))
@@ -126,45 +128,30 @@ def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
 
 
 def test_share_of_sun_flecks_in_a_wood():
-    drive = asphalt_drive(0.0, motion=Motion(100.0), shades=(WoodShade(-50.0, 400.0, 0.10),))
-    open_road = replace(drive, shades=())
-    ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(open_road).image, 1)
+    drive = straight_drive(shades=(WoodShade(-50.0, 400.0, 0.10),))
+    ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(straight_drive()).image, 1)
     lit = ratio[250:350, 100:540].mean(axis=2) > 0.75
     assert 0.03 < lit.mean() < 0.2
-
-
-def night_drive(**changes) -> Drive:
-    return asphalt_drive(0.0, motion=Motion(100.0), **changes)
 
 
 def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
     """Retroreflection multiplies the light of paint, not that of the road."""
     x = np.array([10.0, 20.0, 35.0])
+    drives = [straight_drive(night=Night(retroreflection=r), markings=WIDE_LINE) for r in (4.0, 1.0)]
     for y, expected in ((1.83, 4.0), (0.6, 1.0)):
-        markings = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
-        lit, plain = (
-            ground_levels(night_drive(night=Night(retroreflection=r), markings=markings), x, 0 * x + y, monkeypatch)
-            for r in (4.0, 1.0)
-        )
+        lit, plain = (ground_levels(drive, x, y, monkeypatch) for drive in drives)
         np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
 
 
 def test_lamps_are_visible_from_their_front_and_mirrored_in_a_wet_road(monkeypatch):
     """Headlamps of an oncoming car are bright, and mirrored in a wet road, not in a dry one."""
     at = SMALL.road_to_pixels(np.array([[18.0, 0.0]])).round().astype(int)[0]
-    lights = {}
+    below = {}
     for name, wet, heading in (("wet", Wet(), np.pi), ("dry", None, np.pi), ("rear", Wet(), 0.0)):
         car = PlacedObject(130.0, 0.0, Car(0, 0, heading, "black"))
-        found = []
-        monkeypatch.setattr(
-            "simulator.rendering.render.develop", lambda light, *a, found=found, **k: found.append(light) or light
-        )
-        render_frame(night_drive(night=Night(headlights=0.0), wet=wet, objects=(car,)))
-        lights[name] = found[0]
-    below = {
-        name: light[at[1] - 3 : at[1] + 3, at[0] - 20 : at[0] + 20].max(axis=(0, 1)) for name, light in lights.items()
-    }
-    assert lights["wet"].max() > 3
+        light = linear_light(straight_drive(night=Night(headlights=0.0), wet=wet, objects=(car,)), monkeypatch)
+        assert heading == 0 or light.max() > 3
+        below[name] = light[at[1] - 3 : at[1] + 3, at[0] - 20 : at[0] + 20].max(axis=(0, 1))
     assert (below["wet"] > 5 * below["dry"]).all()
     assert below["rear"][0] > 4 * below["rear"][1]
     assert below["wet"][0] < 2 * below["wet"][1]

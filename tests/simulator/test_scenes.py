@@ -1,4 +1,4 @@
-"""The benchmark suite: names, cached videos, validity of every scene, speed of rendering."""
+"""The benchmark suite: names, cached videos, validity of every scene; and its variants."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
 from simulator.scenes.suite import SUITE, render_scene, scene_path
+from simulator.scenes.variants import VARIANT, vary_drive
 
 
 def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):
@@ -32,6 +33,8 @@ def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, 
     monkeypatch.setattr(suite, "_renderer_hash", lambda: "changed")
     assert render_scene("motorway", tmp_path) != first
     assert calls == [10.0] * 3
+    with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
+        render_scene("motorwya")
 
 
 def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch):
@@ -42,11 +45,6 @@ def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch
     assert scene_path("motorway", tmp_path / "own").parent == tmp_path / "own"
 
 
-def test_refuses_unknown_scenes_by_name():
-    with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
-        render_scene("motorwya")
-
-
 @pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
 def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
     """The car also stays on the road, off-centre, and the road has a bend."""
@@ -54,7 +52,7 @@ def test_every_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
     truths = [drive.truth(t) for t in np.linspace(0, scene.seconds, 9)]
     assert {truth.has_lane for truth in truths} == {scene.difficulty != "no lane"}
     if scene.difficulty != "no lane":
-        assert max(abs(t.offset_m) for t in truths) > 0.05 and max(abs(t.offset_m) for t in truths) < 2.0
+        assert 0.05 < max(abs(t.offset_m) for t in truths) < 2.0
         assert max(abs(t.curvature_per_m) for t in truths) > 1 / 1000
         assert all(np.isfinite(t.line_y(side, np.array([5.0]))).all() for t in truths for side in (0, 1))
     assert truths[-1].pose.s_m > truths[0].pose.s_m + 15
@@ -80,3 +78,54 @@ def test_bonnet_changes_only_the_pixels_that_it_hides_in_any_weather(name):
     assert with_bonnet.hidden[-1].all() and not without.hidden[-1].all()
     apart = cv2.absdiff(with_bonnet.image[:edge], without.image[:edge])
     assert apart.max() <= 1
+
+
+HAIRPIN = SUITE["hairpin-right"]
+
+
+def test_variant_zero_is_the_drive_itself():
+    drive = HAIRPIN.drive()
+    assert vary_drive(drive, 0) is drive
+
+
+def test_a_variant_is_the_same_each_time_and_differs_from_the_others():
+    first, again, other = (vary_drive(HAIRPIN.drive(), seed) for seed in (1, 1, 2))
+    assert first.motion == again.motion and first.camera.pose == again.camera.pose and first.lens == again.lens
+    assert first.motion != other.motion and first.camera.pose != other.camera.pose
+    assert len({HAIRPIN.drive().seed, first.seed, other.seed}) == 3
+
+
+def test_the_road_is_scaled_in_plan_and_keeps_its_slopes():
+    drive = SUITE["crests"].drive()
+    varied = vary_drive(drive, 3)
+    scale = varied.road.stations_m[-1] / drive.road.stations_m[-1]
+    low, high = VARIANT.road_scale
+    assert low <= scale <= high and scale != 1
+    np.testing.assert_allclose(varied.road.curvatures_per_m * scale, drive.road.curvatures_per_m)
+    np.testing.assert_allclose(varied.road.profile.slopes, drive.road.profile.slopes)
+    # the same bend, enlarged: the angle does not change
+    assert varied.road.heading(60.0 * scale) == pytest.approx(float(drive.road.heading(60.0)))
+
+
+def test_paint_noise_and_exposure_vary_within_their_ranges():
+    drive = SUITE["fog"].drive()
+    variants = [vary_drive(drive, seed) for seed in (1, 2, 3)]
+    wear = [[m.wear / known.wear for m, known in zip(v.markings, drive.markings, strict=True)] for v in variants]
+    noise = [v.lens.noise / drive.lens.noise for v in variants]
+    for factors, (low, high) in ((wear, VARIANT.wear), (noise, VARIANT.noise)):
+        assert low <= np.min(factors) and np.max(factors) <= high
+        # each stripe of each variant has a factor of its own
+        assert len(np.unique(factors)) == np.size(factors)
+    assert len({drive.lens.exposure, *(v.lens.exposure for v in variants)}) == 4
+
+
+@pytest.mark.parametrize("name", [name for name, scene in SUITE.items() if scene.difficulty != "no lane"])
+def test_the_car_stays_on_its_lane_as_in_the_scene(name):
+    """The truth of a variant at the beginning and the end: both lines exist, and the car is between them or crosses."""
+    scene = SUITE[name]
+    for seed in (1, 2, 3):
+        varied = vary_drive(scene.drive(), seed)
+        for time_s in (0.0, scene.seconds):
+            truth = varied.truth(time_s)
+            assert truth.left.c0_m > truth.right.c0_m, (seed, time_s)
+            assert abs(truth.offset_m) < truth.lane_width_m / 2 + 0.5, (seed, time_s)

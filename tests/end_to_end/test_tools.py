@@ -1,0 +1,179 @@
+"""The tools: ablation, fit of the confidence, samples for the network, soak test (without its run of an hour)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmark.errors import LaneTruth
+from benchmark.evaluation import prepare_drive
+from benchmark.scored_drive import drive_from_video
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import finer_view
+from lanes.files import write_telemetry
+from lanes.track.tracker import TrackerSettings
+from lanes.video.reader import inspect_video, read_video
+from simulator.rendering.drive import Motion
+from simulator.road.truth import truth_row
+from tests.support.clips import write_drive
+from tests.support.painted_drive import SMALL, PaintedDrive, Stripe, lane_lines, s_bend
+from tests.support.painted_roads import Road, dashcam
+from tests.support.project import ROOT
+from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
+from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic
+from tools.marking_samples import UNKNOWN, connect_dots, label_cells, take_sample
+from tools.soak import describe_memory, largest_differences, packet_times, repeat_drive
+
+
+@pytest.fixture(scope="module")
+def measurements():
+    """Without any change, and without rate steps, in a hairpin."""
+    drive = prepare_drive(drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4"))
+    (rate_steps,) = (mechanism for mechanism in MECHANISMS if mechanism.name == "rate steps")
+    return [measure((mechanism, drive), end_s=0.4) for mechanism in (ALL_ON, ALL_ON, rate_steps)]
+
+
+def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurements):
+    on, again, off = (one.errors.lateral_m for one in measurements)
+    np.testing.assert_array_equal(on, again)
+    assert not np.array_equal(on, off, equal_nan=True)
+
+
+def test_a_row_shows_what_is_lost(measurements):
+    on = measurements[0]
+    off, right = (
+        replace(on, errors=replace(on.errors, near_rms_m=np.where(np.arange(10) < wrong, 1.0, 0.0))) for wrong in (4, 0)
+    )
+    cells = [cell.strip() for cell in table_row(MECHANISMS[0], [off], [right]).split("|")[1:-1]]
+    assert cells[0] == MECHANISMS[0].name and cells[2] == "60.0%"
+    assert cells[3].startswith("-40.0 (")
+
+
+@pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda mechanism: mechanism.name)
+def test_each_mechanism_changes_exactly_its_settings(mechanism):
+    settings, default = mechanism.settings(), TrackerSettings()
+    assert settings != default
+    for path in mechanism.off:
+        value = default
+        for name in path.split("."):
+            value = getattr(value, name)
+        settings = with_value(settings, path.split("."), value)
+    assert settings == default
+
+
+class TestTheFit:
+    def test_weights_are_found_again(self):
+        rng = np.random.default_rng(3)
+        features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
+        right = rng.random(4000) < logistic(features @ [1.0, -2.0])
+        np.testing.assert_allclose(fit_logistic(features, right, np.arange(4000)), [1.0, -2.0], atol=0.15)
+
+    def test_long_drives_count_no_more_than_short_ones(self):
+        features = np.ones((1010, 1))
+        right, drive = np.repeat([True, False], [1000, 10]), np.repeat([0, 1], [1000, 10])
+        assert fit_logistic(features, right, drive)[0] == pytest.approx(0.0, abs=1e-6)
+
+    def test_a_drive_says_nothing_of_itself(self):
+        """Each drive has a feature of its own that tells all: only to those who have seen the drive."""
+        drive = np.repeat(np.arange(10), 20)
+        right = drive % 2 == 0
+        features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
+        assert np.abs(cross_validated(features, right, drive) - 0.5).max() < 0.2
+        assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
+
+    def test_lanes_are_judged_by_their_own_truth(self):
+        drive = PaintedDrive(s_bend(), (Stripe(1.8), Stripe(-1.8)), camera=SMALL)
+        rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
+        truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+        frames = [drive.frame(i / 12.5) for i in range(9)]
+        followed, alone = label_lanes(frames, drive.camera, truth, fps=12.5, number=7)
+        assert [len(followed), len(alone)] == [9, 3]
+        assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
+        aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
+        assert not any(row[-3] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)
+
+
+CAMERA = dashcam()
+VIEW = BirdsEyeView(CAMERA)
+# Both lines of a lane.
+LEFT_M, RIGHT_M = 1.8, -1.7
+
+
+def test_cells_are_labelled_where_pictures_with_and_without_lines_differ():
+    """Cells with paint are 1 within the width of the line, and 0 elsewhere; noise in both pictures is no paint."""
+    fine, road = finer_view(VIEW), Road(CAMERA, noise=6.0)
+    bare = road.image()
+    for lateral_m in (LEFT_M, RIGHT_M):
+        road.line(lambda x, y=lateral_m: y + 0 * x)
+    label = label_cells(fine.warp(road.image()), fine.warp(bare))
+    assert label.shape == VIEW.shape
+    rows = VIEW.x_m < 20
+    beside_m = np.minimum(np.abs(VIEW.y_m - LEFT_M), np.abs(VIEW.y_m - RIGHT_M))
+    seen = VIEW.seen[rows]
+    assert np.all(label[rows][:, beside_m < 0.03][seen[:, beside_m < 0.03]] == 1)
+    assert np.all(label[rows][:, beside_m > 0.4][seen[:, beside_m > 0.4]] == 0)
+
+
+@pytest.mark.slow
+def test_samples_are_the_same_in_each_run():
+    first, again = (take_sample(9) for _ in range(2))
+    np.testing.assert_array_equal(first.fine_image, again.fine_image)
+    np.testing.assert_array_equal(first.label, again.label)
+    assert set(np.unique(first.label)) == {0, 1, UNKNOWN}
+    assert 0.003 < (first.label == 1).mean() < 0.1
+
+
+def test_samples_without_a_road_have_no_paint():
+    sample = take_sample(20)
+    assert set(np.unique(sample.label)) <= {0, UNKNOWN} and 0 in sample.label
+
+
+def test_dots_are_connected_to_the_dash_that_they_stand_for():
+    """Cells of the dash near a dot are paint; those far from any visible dot are left open."""
+    dots, dashes = np.zeros((40, 30), np.uint8), np.zeros((40, 30), np.uint8)
+    dashes[5:30, 14:17] = 1
+    dots[[6, 12], 15] = 1
+    connected = connect_dots(dots, dashes)
+    assert np.all(connected[5:17, 14:17] == 1)
+    assert np.all(connected[17:30, 14:17] == UNKNOWN)
+    assert not connected[:, :13].any() and not connected[30:].any()
+
+
+FRAMES, TURNS = 12, 4
+
+
+def test_a_repeated_drive_has_every_frame_and_its_sound(tmp_path):
+    drive = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0), camera=SMALL)
+    source, long = write_drive(tmp_path / "short.mp4", drive, FRAMES), tmp_path / "long.mp4"
+    repeat_drive(source, long, TURNS)
+    assert inspect_video(long).frames == FRAMES * TURNS
+    np.testing.assert_allclose(packet_times(long, "video"), np.arange(FRAMES * TURNS) / 25, atol=1e-3)
+    heard_s = packet_times(long, "audio")
+    assert heard_s[-1] == pytest.approx(FRAMES * TURNS / 25, abs=0.1)
+    frames = np.array([frame[::8, ::8] for frame in read_video(long)]).reshape(TURNS, FRAMES, -1)
+    assert (frames == frames[0]).all()
+
+
+@pytest.mark.parametrize(("drift", "last"), [(0.0, 0.01), (0.002, 0.048)])
+def test_drift_grows_the_differences(tmp_path, drift, last):
+    """The first repetition is ignored; the others are compared with the second one."""
+    rng = np.random.default_rng(2)
+    rows = [
+        {"frame": n, "offset_m": 0.3 + rng.choice([-1, 1]) * 0.005 + drift * turn + (turn == 0), "state": "tracking"}
+        for turn in range(22)
+        for n in range(FRAMES)
+    ]
+    rows[-1]["state"] = "lost"
+    found = largest_differences(write_telemetry(tmp_path / "long.csv", rows), FRAMES)
+    assert found["offset_m"][0] == pytest.approx(0.01 + 2 * drift, abs=1e-6)
+    assert found["offset_m"][1] == pytest.approx(last, abs=0.003)
+    assert found["state"] == (0, pytest.approx(1 / FRAMES))
+
+
+def test_growing_memory_is_shown():
+    seconds = np.arange(0, 3600, 5.0)
+    text = describe_memory(np.column_stack([seconds, 200 + seconds / 36]))
+    assert "+100.0 MB an hour" in text
+    assert len(text.splitlines()) == 12
