@@ -49,8 +49,7 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(monkeypatch, columns):
     assert not chapter_06.check_lane_width((columns + 12) * across_m, **view).correct
 
 
-def test_a_list_is_as_good_as_a_pair():
-    """12.1: the state and its covariance."""
+def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
 
     def correct_gated(state, covariance, z, noise, matrix):
         return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))

@@ -24,7 +24,7 @@ from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic
 from tools.marking_samples import UNKNOWN, connect_dots, label_cells, take_sample
-from tools.soak import describe_memory, largest_differences, packet_times, repeat_drive
+from tools.soak import largest_differences, packet_times, repeat_drive
 
 
 @pytest.fixture(scope="module")
@@ -170,10 +170,3 @@ def test_drift_grows_the_differences(tmp_path, drift, last):
     assert found["offset_m"][0] == pytest.approx(0.01 + 2 * drift, abs=1e-6)
     assert found["offset_m"][1] == pytest.approx(last, abs=0.003)
     assert found["state"] == (0, pytest.approx(1 / FRAMES))
-
-
-def test_growing_memory_is_shown():
-    seconds = np.arange(0, 3600, 5.0)
-    text = describe_memory(np.column_stack([seconds, 200 + seconds / 36]))
-    assert "+100.0 MB an hour" in text
-    assert len(text.splitlines()) == 12

@@ -32,26 +32,24 @@ def test_picture_depends_on_the_seed_only():
 
 
 def test_mirrored_scene_gives_mirrored_lines():
-    """With mirrored road, car, markings and camera, the columns of the lines are mirrored."""
     drive = small_drive()
     flipped_matrix = SMALL.matrix.copy()
     flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
     distortion = SMALL.distortion * [1, 1, 1, -1, 1]
     pose = replace(POSE, yaw_rad=-POSE.yaw_rad, roll_rad=-POSE.roll_rad)
-    camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose)
+    surface = replace(
+        drive.surface,
+        right_edge_m=-drive.surface.left_edge_m,
+        left_edge_m=-drive.surface.right_edge_m,
+        lane_centres_m=tuple(-centre for centre in drive.surface.lane_centres_m),
+        seams=tuple(replace(seam, lateral_m=-seam.lateral_m) for seam in drive.surface.seams),
+    )
     mirrored = replace(
-        drive,
-        camera=camera,
-        road=replace(drive.road, curvatures_per_m=-drive.road.curvatures_per_m),
+        small_drive(-1 / 250),
+        camera=Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose),
         motion=replace(drive.motion, offset_m=-0.3, heading_rad=-0.01),
         markings=tuple(replace(m, lateral_m=-m.lateral_m) for m in drive.markings),
-        surface=replace(
-            drive.surface,
-            right_edge_m=-drive.surface.left_edge_m,
-            left_edge_m=-drive.surface.right_edge_m,
-            lane_centres_m=tuple(-centre for centre in drive.surface.lane_centres_m),
-            seams=tuple(replace(seam, lateral_m=-seam.lateral_m) for seam in drive.surface.seams),
-        ),
+        surface=surface,
     )
     assert mirrored.truth().offset_m == -drive.truth().offset_m
     ours = (render_frame(drive).image[..., 2] > 180)[200:]
