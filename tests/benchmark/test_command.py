@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,21 +23,18 @@ from lanes import camera, images
 from lanes.detect import birdseye
 from lanes.images import read_image
 from lanes.video import reader
-from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import main, process
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import ROOT
 
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
 FRAMES = 5
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("drives")
-    write_drive(folder / "bend.mp4", DRIVE, FRAMES)
+    write_drive(folder / "bend.mp4", BENDS, FRAMES)
     return folder
 
 
@@ -99,11 +97,8 @@ class TestCommand:
     ],
 )
 def test_wrong_usage_is_reported(arguments, words, capsys):
-    try:
-        status = main(["benchmark", *arguments])
-    except SystemExit as error:
-        status = error.code
-    assert status == 2
+    with pytest.raises(SystemExit, match="2"):
+        sys.exit(main(["benchmark", *arguments]))
     assert words in capsys.readouterr().err
 
 
@@ -152,7 +147,7 @@ class TestRunner:
         assert prepared.camera.pose.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=0.01)
 
     def test_without_a_pose_no_lane_is_available(self, folder, tmp_path):
-        video = write_drive(tmp_path / "blank.mp4", replace(DRIVE, lines=()), 2)
+        video = write_drive(tmp_path / "blank.mp4", replace(BENDS, lines=()), 2)
         prepared = prepare_drive(custom(video), estimated_pose=True)
         assert (prepared.camera, prepared.pose) == (None, "not found")
         assert not run_system(prepared, "tracker").available.any()
