@@ -215,10 +215,6 @@ class TestUnknown:
         assert not frame_errors(wrong, truth()).confident_and_wrong.any()
         assert frame_errors(replace(wrong, confidence=np.full(N, np.nan)), truth()).confident_and_wrong.all()
 
-    def test_frames_must_match(self):
-        with pytest.raises(ValueError, match="4 frames of estimates cannot be compared with 5 frames of truth"):
-            frame_errors(perfect(truth().select(slice(4))), truth())
-
 
 @pytest.mark.parametrize(
     ("frames", "lengths"),

@@ -163,25 +163,6 @@ def test_metres_follow_from_the_warp(name):
 
 
 @every_recipe
-def test_a_glint_changes_nothing_elsewhere(name):
-    image = picture(LEFT_BEND).copy()
-    before = finder(name).find(image)
-    # A wet spot at the centre of the lane, with the largest possible gradient.
-    u, v = np.round(CAMERA.road_to_pixels(np.array([[12.0, 0.0]]))).astype(int)[0]
-    image[v - 5 : v + 6, u : u + 6] = 255
-    image[v - 5 : v + 6, u - 6 : u] = 0
-    after = finder(name).find(image)
-    for mask, other in ((m, after.masks[key]) for key, m in before.masks.items()):
-        if get_recipe(name).warp_first:
-            inverse, size = before.warp.inverse, before.warp.size
-            mask, other = (cv2.warpPerspective(m, inverse, size, flags=cv2.INTER_NEAREST) for m in (mask, other))
-        changed = np.argwhere(mask != other)
-        assert np.abs(changed - [v, u]).max(initial=0) <= 25
-    assert after.offset_m == pytest.approx(before.offset_m, abs=1e-3)
-    assert after.curvature_per_m == pytest.approx(before.curvature_per_m, rel=1e-2)
-
-
-@every_recipe
 def test_half_size_pictures_measure_the_same_road(name):
     size = (640, 360)
     small = cv2.resize(picture(LEFT_BEND), size, interpolation=cv2.INTER_AREA)

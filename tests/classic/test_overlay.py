@@ -1,7 +1,5 @@
 """The overlay lies on the markings, through the lens, says what is known, and draws nothing when the lane is lost."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The bird's-eye view from four points: exact for points and images, its scale in metres; the points from the pose."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

@@ -1,7 +1,5 @@
 """Data folders, their truth, and the comparison with it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

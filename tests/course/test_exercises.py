@@ -1,7 +1,5 @@
 """What the check of an exercise prints, and right answers that differ from the folded solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

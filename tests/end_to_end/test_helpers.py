@@ -1,7 +1,5 @@
 """helpers.py, which the notebook imports: complete, documented, without logic."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

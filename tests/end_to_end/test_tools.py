@@ -1,7 +1,5 @@
 """The tools: ablation, fit of the confidence, samples for the network, soak test (without its run of an hour)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

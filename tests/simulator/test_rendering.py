@@ -1,13 +1,10 @@
 """Rendered frames: determinism, symmetry, occlusion, shadows and the camera's development."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera import Camera
 from lanes.images import read_image
 from simulator.light.lens import Lens
 from simulator.light.sunlight import BridgeShade
@@ -29,33 +26,6 @@ def test_picture_depends_on_the_seed_only():
     ground = cast_on_ground(pixel_rays(SMALL), SMALL, road)
     one, other = (ground_albedo(drive.surface, ground, station_m=60.0, seed=seed) for seed in (5, 6))
     assert not np.array_equal(one, other)
-
-
-def test_mirrored_scene_gives_mirrored_lines():
-    drive = small_drive()
-    flipped_matrix = SMALL.matrix.copy()
-    flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
-    distortion = SMALL.distortion * [1, 1, 1, -1, 1]
-    pose = replace(POSE, yaw_rad=-POSE.yaw_rad, roll_rad=-POSE.roll_rad)
-    surface = replace(
-        drive.surface,
-        right_edge_m=-drive.surface.left_edge_m,
-        left_edge_m=-drive.surface.right_edge_m,
-        lane_centres_m=tuple(-centre for centre in drive.surface.lane_centres_m),
-        seams=tuple(replace(seam, lateral_m=-seam.lateral_m) for seam in drive.surface.seams),
-    )
-    mirrored = replace(
-        small_drive(-1 / 250),
-        camera=Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose),
-        motion=replace(drive.motion, offset_m=-0.3, heading_rad=-0.01),
-        markings=tuple(replace(m, lateral_m=-m.lateral_m) for m in drive.markings),
-        surface=surface,
-    )
-    assert mirrored.truth().offset_m == -drive.truth().offset_m
-    ours = (render_frame(drive).image[..., 2] > 180)[200:]
-    theirs = (render_frame(mirrored).image[..., 2] > 180)[200:, ::-1]
-    assert ours.sum() > 300
-    assert (ours != theirs).mean() < 2e-3
 
 
 def test_pitch_motion_changes_the_pitch_of_the_truth_not_its_lines():

@@ -1,7 +1,5 @@
 """The benchmark suite: names, cached videos, validity of every scene; and its variants."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import cv2

@@ -1,7 +1,5 @@
 """Ground truth: on the painted lines, consistent, through lane changes and without a lane; motion of the car."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

@@ -11,6 +11,8 @@ import pytest
 from lanes.camera import load_camera
 from lanes.files import read_telemetry
 from lanes.video.reader import read_video
+from simulator.light.lens import AutoExposure
+from simulator.light.sunlight import BridgeShade
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video
@@ -19,7 +21,8 @@ from tests.support.command_line import main
 
 
 def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
-    drive = small_drive(motion=Motion(60.0, 20.0), camera=TINY)
+    shade = BridgeShade(66.0, 76.0)
+    drive = small_drive(motion=Motion(60.0, 20.0), camera=TINY, shades=(shade,), exposure=AutoExposure(0.5, 0.8))
     calls = []
     for workers in (1, 2):
         options = {"seconds": 0.28, "workers": workers, "progress": lambda *done: calls.append(done)}

@@ -57,15 +57,6 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
 
 
-def test_frames_do_not_depend_on_their_order():
-    drive = under_bridge(objects=(BRIDGE,))
-    forth = [render_frame(drive, t).image for t in (1.9, 2.6)]
-    back = [render_frame(drive, t).image for t in (2.6, 1.9)]
-    np.testing.assert_array_equal(forth[0], back[1])
-    np.testing.assert_array_equal(forth[1], back[0])
-    assert (forth[0] != forth[1]).mean() > 0.5
-
-
 def test_automatic_exposure_brightens_below_the_bridge_and_overexposes_beyond():
     road = np.s_[270:330, 250:400]
     levels = []
