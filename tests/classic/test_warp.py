@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
 from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
@@ -24,16 +22,11 @@ def road_rectangle_warp():
     return FourPointWarp(picture, [(239.5, 0), (1039.5, 0), (1039.5, 719), (239.5, 719)], SIZE)
 
 
-def test_source_points_come_to_lie_on_destination_points():
+def test_source_points_come_to_lie_on_destination_points_and_all_points_return_where_they_were():
     np.testing.assert_allclose(WARP.points_to_birdseye(TRAPEZIUM), RECTANGLE, atol=1e-3)
-    np.testing.assert_allclose(WARP.points_to_image(RECTANGLE), TRAPEZIUM, atol=1e-3)
     assert WARP.points_to_birdseye(np.empty((0, 2))).shape == (0, 2)
-
-
-@given(st.lists(st.tuples(st.floats(0, 1279), st.floats(0, 719)), min_size=1, max_size=8))
-def test_points_return_from_the_view_where_they_were(points):
-    there = WARP.points_to_image(np.array(points))
-    np.testing.assert_allclose(WARP.points_to_birdseye(there), points, atol=1e-5)
+    points = np.random.default_rng(1).uniform(0, [1279, 719], (200, 2))
+    np.testing.assert_allclose(WARP.points_to_birdseye(WARP.points_to_image(points)), points, atol=1e-5)
 
 
 def test_images_and_binaries_move_as_points_do():

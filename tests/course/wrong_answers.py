@@ -44,7 +44,6 @@ def undistort_pixel(u, v, matrix, distortion):
 """
 _DIVISION = "x, y = (x_d - shift_x) / radial, (y_d - shift_y) / radial"
 WRONG_ANSWERS["3.1"] = [
-    (_UNDISTORT.replace("range(20)", "range(1)"), "Repeat until it no longer moves"),
     (_UNDISTORT.replace("range(20)", "range(3)"), "Repeat until it no longer moves"),
     (_UNDISTORT.replace("range(20)", "range(0)"), "x_d and y_d stay the same"),
     (_UNDISTORT.replace(_DIVISION, "x, y = x_d / radial - shift_x, y_d / radial - shift_y"), "then divide"),
@@ -227,7 +226,6 @@ def correct_gated(state, P, z, R, H):
 """
 WRONG_ANSWERS["12.1"] = [
     (_STEP.replace("H @ P @ H.T + R", "H @ P @ H + R"), "H is not square"),
-    (_STEP.replace("K = P @ H.T @", "K = P @ H @"), "H is not square"),
     (_STEP.replace("P - K @ H @ P", "P"), "P is not updated"),
     (_STEP.replace("P - K @ H @ P", "P + K @ H @ P"), "is not P - K H P"),
     (_STEP.replace("z - H @ state", "H @ state - z"), "state + K (z - H state)"),
