@@ -218,19 +218,10 @@ class TestUnknown:
 
 @pytest.mark.parametrize(
     ("frames", "lengths"),
-    [
-        ("+++++", []),
-        ("++--+++", [2]),
-        ("--+++", [2]),
-        ("+-++-+++", [4]),  # two correct ones in a row are too few
-        ("+-+++-+++", [1, 1]),
-        ("+++--", [2]),
-        ("+--+", [2]),
-        ("", []),
-        ("---", [3]),
-    ],
+    [("", []), ("+++++", []), ("++--+++", [2]), ("--+++", [2]), ("+++--", [2]), ("+--+", [2]), ("---", [3])]
+    + [("+-++-+++", [4]), ("+-+++-+++", [1, 1])],
 )
-def test_recoveries(frames, lengths):
+def test_a_loss_ends_with_three_correct_frames(frames, lengths):
     assert recovery_lengths(np.array([c == "+" for c in frames], bool)) == lengths
 
 

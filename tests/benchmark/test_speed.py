@@ -1,9 +1,6 @@
 """Speed: every system is timed, a transcode keeps all frames, ratios are those of the times."""
 
-from __future__ import annotations
-
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,7 +14,7 @@ from tests.support.painted_drive import BENDS, SMALL
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory) -> Path:
+def clip(tmp_path_factory):
     return write_drive(tmp_path_factory.mktemp("drives") / "bend.mp4", BENDS, WARM_UP + 4)
 
 

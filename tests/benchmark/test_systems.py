@@ -143,19 +143,15 @@ def test_each_drive_starts_with_the_file_as_it_is_now_and_no_memory(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "name", "message"),
-    [
-        (None, "find", "no such file"),
-        ("1 / 0", "find", "ZeroDivisionError"),
-        ("find = 3", "find", "no function 'find'"),
-    ],
+    ("content", "message"),
+    [(None, "no such file"), ("1 / 0", "ZeroDivisionError"), ("find = 3", "no function 'find'")],
 )
-def test_a_wrong_file_is_named(tmp_path, content, name, message):
+def test_a_wrong_file_is_named(tmp_path, content, message):
     file = tmp_path / "wrong.py"
     if content:
         file.write_text(content)
     with pytest.raises(ValueError, match=message):
-        load_finder(f"{file}:{name}")
+        load_finder(f"{file}:find")
 
 
 def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():

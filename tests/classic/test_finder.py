@@ -199,9 +199,7 @@ def test_measures_need_both_lines_except_the_curvature():
     row = one.as_row()
     assert (row["state"], row["left_c0_m"], row["left_c2_per_m"]) == ("lost", 1.7, 0.002)
     assert row["offset_m"] is row["right_c0_m"] is None
-
-
-def test_width_is_measured_across_the_lane():
+    # the width is measured across the lane
     heading = 0.1
     left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)

@@ -71,14 +71,10 @@ def test_view_points_lie_on_the_road_where_the_camera_put_them():
     np.testing.assert_allclose(birdseye_to_road(view, WARP, CAMERA), road, atol=1e-3)
 
 
-def test_scales_follow_the_camera_height():
-    """From twice the height every pixel spans twice the road; the originals' 3.7/700 could not know."""
+def test_scales_follow_the_camera_height_and_a_view_up_to_the_horizon_has_none():
     pose = CAMERA.pose
     high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * pose.height_m, pose.pitch_rad, pose.yaw_rad)))
     np.testing.assert_allclose(high, 2 * np.array(metres_per_pixel(WARP, CAMERA)), rtol=1e-9)
-
-
-def test_a_view_up_to_the_horizon_has_no_scale():
     with pytest.raises(CameraError, match="quadrangle of the warp reaches the horizon .*; choose lower points"):
         metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
 

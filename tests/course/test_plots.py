@@ -53,9 +53,6 @@ def test_masks_are_gray_with_fixed_limits(mask, limits):
     shown = axes[0].images[0]
     assert shown.get_clim() == limits
     assert shown.cmap.name == "gray"
-
-
-def test_titles_that_do_not_fit():
     for images, titles in (([], []), ([PHOTO], ["a", "b"])):
         with pytest.raises(ValueError, match=f"got {len(images)} images and {len(titles)} titles"):
             plots.show_pictures(images, titles)

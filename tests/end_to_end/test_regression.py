@@ -1,7 +1,5 @@
 """The tracker is as accurate as its reference, on parts of the committed videos."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 from functools import cache

@@ -1,6 +1,7 @@
 """The tools: ablation, fit of the confidence, samples for the network, soak test (without its run of an hour)."""
 
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -53,10 +54,7 @@ def test_each_mechanism_changes_exactly_its_settings(mechanism):
     settings, default = mechanism.settings(), TrackerSettings()
     assert settings != default
     for path in mechanism.off:
-        value = default
-        for name in path.split("."):
-            value = getattr(value, name)
-        settings = with_value(settings, path.split("."), value)
+        settings = with_value(settings, path.split("."), attrgetter(path)(default))
     assert settings == default
 
 

@@ -21,7 +21,7 @@ def truth() -> dict:
     return json.loads((BOARDS / "truth.json").read_text())
 
 
-def test_twenty_boards_of_which_three_are_cut_and_two_are_larger(truth):
+def test_truth_of_the_camera_and_of_twenty_boards_of_which_three_are_cut_and_two_are_larger(truth):
     boards = truth["boards"]
     assert list(boards) == [f"calibration{n}.jpg" for n in range(1, 21)]
     larger = [name for name, board in boards.items() if (board["width"], board["height"]) == (1281, 721)]
@@ -32,9 +32,6 @@ def test_twenty_boards_of_which_three_are_cut_and_two_are_larger(truth):
         corners = np.array(board["corners_px"])
         inside = (corners.min(axis=1) >= 0) & (corners[:, 0] < board["width"]) & (corners[:, 1] < board["height"])
         assert inside.tolist() == [bool(i) for i in board["inside"]]
-
-
-def test_truth_holds_the_camera(truth):
     camera = camera_from_dict(truth["camera"])
     np.testing.assert_array_equal(camera.matrix, DASHCAM.matrix)
     np.testing.assert_array_equal(camera.distortion, DASHCAM.distortion)
