@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from lanes.cli import add_lens, find_lens
-from lanes.console import bounded_int, progress_line, run_command, run_program
+from lanes.console import bounded, progress_line, run_command, run_program
 
 if TYPE_CHECKING:
     from benchmark.labels.tusimple import LaneColumns
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seed",
-        type=bounded_int(0),
+        type=bounded(int, 0),
         default=0,
         metavar="N",
         help="score variant number N of each scene: other radii, speeds, camera pose and noise (default: %(default)s, "
@@ -68,7 +68,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--speed", action="store_true", help="measure times on the committed project video")
     parser.add_argument(
-        "--workers", type=bounded_int(1), default=1, metavar="N", help="number of processes (default: %(default)s)"
+        "--workers", type=bounded(int, 1), default=1, metavar="N", help="number of processes (default: %(default)s)"
     )
     parser.add_argument(
         "-o",

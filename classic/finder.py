@@ -213,12 +213,8 @@ class LaneFinder:
     def find(self, image: np.ndarray) -> LaneResult:
         """The lane in one raw RGB image of the camera's size, "lost" if not both lines are found.
 
-        The memory is neither used nor changed.
-
-        Raises
-        ------
-        PictureError
-            If the image is not an RGB image of the camera's size.
+        The memory is neither used nor changed. Raises PictureError if the image is not an RGB image of the camera's
+        size.
         """
         undistorted, channels = self._threshold(image, self.recipe.thresholds)
         lines = [channels["combined"].line_from_windows(side) for side in (0, 1)]

@@ -100,11 +100,7 @@ class Recipe:
         """The same recipe for images resized to `size` (width, height).
 
         Lengths, pixel counts and kernels are scaled. Gradients are not, because a smaller image has sharper edges.
-
-        Raises
-        ------
-        ValueError
-            If the size is not positive.
+        Raises ValueError if the size is not positive.
         """
         width, height = size
         if width < 1 or height < 1:
@@ -182,10 +178,7 @@ RECIPES = {
 def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
     """A classic recipe by name, for images of `size` (width, height).
 
-    Raises
-    ------
-    ValueError
-        If there is no recipe of that name, or the size is not positive.
+    Raises ValueError if there is no recipe of that name, or the size is not positive.
     """
     if name not in RECIPES:
         raise ValueError(f"there is no recipe {name!r}; the recipes are {', '.join(RECIPES)}.")
@@ -197,14 +190,10 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
 
     The published points were chosen for another camera pose. With these points the bird's-eye view is a map of the road
     with two constant scales. The edges of the rectangle are parallel to the car's axis and equally far to the left and
-    right of the camera. Its near and far edge are where the centre column of the image crosses the published bottom
-    and top row, the far edge at most `MAX_FAR_EDGE_M` ahead. Its width is the published one at the near edge. Points
-    may lie outside the image.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose or another size than the recipe, or the near edge is not on the road.
+    right of the camera. Its near and far edge are where the centre column of the image crosses the published bottom and
+    top row, the far edge at most `MAX_FAR_EDGE_M` ahead. Its width is the published one at the near edge. Points may
+    lie outside the image. Raises CameraError if the camera has no pose or another size than the recipe, or the near
+    edge is not on the road.
     """
     pose = camera.require_pose()
     recipe.require_size(camera)

@@ -30,13 +30,8 @@ _SPACES = ("HLS", "HSV", "LAB", "LUV")
 def split_channels(image: np.ndarray, space: str) -> tuple[np.ndarray, ...]:
     """The three channels (height, width), uint8, of an RGB image in a colour space: RGB, HLS, HSV, LAB or LUV.
 
-    Raises
-    ------
-    ValueError
-        If `space` is not one of these.
-    PictureError
-        If `image` is not an RGB image, as in all functions of this module that take one. OpenCV would silently ignore
-        a fourth channel.
+    Raises ValueError if `space` is not one of these, and PictureError if `image` is not an RGB image, as in all
+    functions of this module that take one. OpenCV would silently ignore a fourth channel.
     """
     image = require_rgb(image)
     if space == "RGB":

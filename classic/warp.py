@@ -59,10 +59,7 @@ class FourPointWarp:
     def image_to_birdseye(self, image: np.ndarray) -> np.ndarray:
         """Bird's-eye view of an undistorted image, both of `size`; binaries (2-D) keep their two values.
 
-        Raises
-        ------
-        PictureError
-            If `image` is not an RGB image or a binary of that size.
+        Raises PictureError if `image` is not an RGB image or a binary of that size.
         """
         if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
             image = require_rgb(image)
@@ -88,12 +85,7 @@ def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera)
     """Points (N, 2) on the flat road of points (N, 2) in the bird's-eye view; exact for every quadrangle.
 
     Road points are (x forward, y left) in metres, NaN at and above the horizon. The distortion of the camera is not
-    applied, because `warp` starts from the undistorted image.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose.
+    applied, because `warp` starts from the undistorted image. Raises CameraError if the camera has no pose.
     """
     pinhole = replace(camera, distortion=np.zeros(5))
     return pinhole.pixels_to_road(warp.points_to_image(points_px))
@@ -111,12 +103,7 @@ def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
     """Axes in metres of a bird's-eye view, for `lanes.figures.show_birdseye`.
 
     They are exact if the four points are a rectangle on the road, parallel to the car's axis. Otherwise they hold for
-    the centre column and the bottom row.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose.
+    the centre column and the bottom row. Raises CameraError if the camera has no pose.
     """
     width, height = warp.size
     rows, columns = np.arange(height), np.arange(width)
@@ -147,12 +134,8 @@ def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]
 
     Constant scales are exact only if the quadrangle is a rectangle on the road. The lateral scale is the local Jacobian
     at the centre of the bottom row, where the offset is measured. The longitudinal scale is the distance on the road
-    between the bottom and top row along the centre column, divided by the number of rows.
-
-    Raises
-    ------
-    CameraError
-        If the camera has no pose, or the bird's-eye view reaches the horizon.
+    between the bottom and top row along the centre column, divided by the number of rows. Raises CameraError if the
+    camera has no pose, or the bird's-eye view reaches the horizon.
     """
     width, height = warp.size
     centre, bottom = (width - 1) / 2, height - 1

@@ -7,19 +7,20 @@ compute nor show.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
-from lanes.figures import LEGEND_ABOVE, TRUTH_LOOK, RoadGrid, draw_on_road_grid, new_figure, rgb
+from lanes.figures import TRUTH_LOOK, draw_on_road_grid, new_figure, rgb
 from lanes.report.moments import runs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-
+# Above the axes, where a legend hides no curve.
+LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 # Colours of the tracker states, from certain to lost.
 STATE_COLOURS = {
     "tracking": LANE_COLOUR,
@@ -28,6 +29,16 @@ STATE_COLOURS = {
     "coasting": (255, 140, 0),
     "lost": LEFT_COLOUR,
 }
+
+
+class RoadGrid(Protocol):
+    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
+
+    @property
+    def x_m(self) -> np.ndarray: ...
+
+    @property
+    def y_m(self) -> np.ndarray: ...
 
 
 def show_pictures(
@@ -91,7 +102,7 @@ def show_birdseye(
     rows = -(-len(images) // columns)
     figure, axes = new_figure(rows, columns, (width_in, rows * (0.6 * width_in / columns + 0.6)))
     for axis, image, title in zip(axes, images, titles, strict=True):
-        draw_on_road_grid(axis, image, grid, **look)
+        draw_on_road_grid(axis, image, grid.x_m, grid.y_m, **look)
         axis.set_title(title)
     return figure, axes
 

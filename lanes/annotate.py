@@ -6,7 +6,7 @@ import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -155,20 +155,12 @@ def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Anno
     jobs += [partial(annotate_stills, sources.stills, settings)] if sources.stills else []
     for job in jobs:
         try:
-            outcome: Annotation | OSError | ValueError = job()
+            yield job()
         except (OSError, ValueError) as error:
-            outcome = error
-        yield outcome
+            yield error
 
 
 # Drives.
-
-
-@dataclass(frozen=True, eq=False, kw_only=True)
-class TrackedFrame(TimedFrame):
-    """A frame of a drive, and the time that the tracker took for it."""
-
-    latency_ms: float
 
 
 def track(
@@ -180,7 +172,7 @@ def track(
     end_s: float | None = None,
     progress: bool = False,
     info: VideoInfo | None = None,
-) -> Generator[tuple[TrackedFrame, Lane | None]]:
+) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Track the lane through a video; yields each frame with its lane, None where it is lost.
 
     >>> for frame, lane in lanes.track("drive.mp4", camera):  # doctest: +SKIP
@@ -216,12 +208,12 @@ def track(
             bar.update()
 
 
-def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TrackedFrame, Lane | None]]:
-    """Each frame with its lane. The tracker gets the time between frames: rates vary, and frames may be missing."""
+def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TimedFrame, Lane | None]]:
+    """Each frame with its latency, and its lane. The tracker gets the time between frames, which varies."""
     for frame in frames:
         began_s = time.perf_counter()
         lane = tracker.update(frame.image, elapsed_s=frame.elapsed_s)
-        yield TrackedFrame(**vars(frame), latency_ms=1e3 * (time.perf_counter() - began_s)), lane
+        yield replace(frame, latency_ms=1e3 * (time.perf_counter() - began_s)), lane
 
 
 def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
@@ -378,7 +370,8 @@ def _detect_group(
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:
-            sizes[path] = read_image(path).shape[1::-1]
+            image = read_image(path)
+            sizes[path] = image.shape[1::-1]
         except PictureError as error:
             failures.append(error)
     if not sizes:
@@ -387,12 +380,16 @@ def _detect_group(
     used = f"the others used are {width}x{height}; annotate it alone, or all with --each."
     usable = [path for path, size in sizes.items() if size == (width, height)]
     failures += [PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable]
+    # A still that is alone stays in memory; several could fill it.
+    alone = len(sizes) == 1
+    camera = settings.camera_for((width, height), usable[0])
     try:
-        camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), usable)
+        camera, pose = ensure_pose(camera, image if alone else usable)
     except PoseError as error:
-        raise PoseError(f"{error}{SEVERAL_CAMERAS if len(usable) > 1 else ''}") from error
+        name, hint = f"{usable[0]}: " if alone else "", SEVERAL_CAMERAS if len(usable) > 1 else ""
+        raise PoseError(f"{name}{error}{hint}") from error
     for path in usable:
-        image, began_s = read_image(path), time.perf_counter()
+        image, began_s = image if alone else read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
         detection = pose.still if pose and pose.still else detect_still(image, camera)
         yield DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))

@@ -127,11 +127,7 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
 
     They are for pictures of the most frequent size. Boards in pictures of another size are used if they fit the camera
     that the others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
-
-    Raises
-    ------
-    CameraError
-        If fewer than three different views of the board remain, or they do not determine the intrinsics.
+    Raises CameraError if fewer than three different views of the board remain, or they do not determine the intrinsics.
     """
     sizes = Counter(board.size for board in boards.values())
     size = max(sizes, key=lambda size: (sizes[size], size))
@@ -153,11 +149,12 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
     """Calibrate and remove the worst board until it is not an outlier; the reasons are added to those `rejected`."""
     boards, rejected = dict(boards), dict(rejected)
     while True:
-        camera, errors = _calibrate_once(boards, size)
+        camera = _calibrate_once(boards, size, rejected)
+        errors = camera.require_report().board_rms_px
         worst = max(errors, key=errors.__getitem__)
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= _largest_error_px(errors):
-            return replace(camera, report=replace(camera.require_report(), rejected=rejected))
+            return camera
         median = np.median(list(errors.values()))
         rejected[worst] = (
             f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
@@ -170,8 +167,8 @@ def _largest_error_px(errors: Mapping[str, float]) -> float:
     return max(OUTLIER_RATIO * float(np.median(list(errors.values()))), MIN_OUTLIER_ERROR_PX)
 
 
-def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> tuple[Camera, dict[str, float]]:
-    """The camera with its report, and the error of each board."""
+def _calibrate_once(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
+    """The camera, with the error of each board and the `rejected` ones in its report."""
     views = _count_views(boards)
     if views < MIN_VIEWS:
         raise CameraError(
@@ -195,9 +192,8 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int]) -> tuple[Ca
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
-    board_rms_px = dict(zip(boards, errors.ravel().tolist(), strict=True))
-    report = CalibrationReport(float(rms), board_rms_px)
-    return Camera(*size, matrix, distortion.ravel(), report=report), board_rms_px
+    report = CalibrationReport(float(rms), dict(zip(boards, errors.ravel().tolist(), strict=True)), rejected)
+    return Camera(*size, matrix, distortion.ravel(), report=report)
 
 
 def _count_views(boards: Mapping[str, Board]) -> int:
@@ -241,11 +237,7 @@ def _reprojection_error_px(board: Board, camera: Camera) -> float:
 # Borders of the 3 x 3 regions of a picture, as shares of width and height, and their names. Distortion is largest in
 # the outer quarters.
 REGION_BORDERS = (0.0, 0.25, 0.75, 1.0)
-REGION_NAMES = (
-    *("upper left", "top", "upper right"),
-    *("left", "middle", "right"),
-    *("lower left", "bottom", "lower right"),
-)
+REGION_NAMES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right")
 # Contact sheet: size of a tile below its label, pixels.
 TILE_PX, LABEL_PX = (400, 225), 44
 
@@ -259,14 +251,12 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
     for name, use in uses.items():
         error = f"{errors[name]:8.2f}" if name in errors else f"{'-':>8}"
         lines.append(f"{name:<{width}}  {error}  {use}")
-    return "\n".join(
-        [
-            *lines,
-            f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
-            f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg",
-            describe_coverage([detections.boards[name] for name in errors]),
-        ]
-    )
+    lines += [
+        f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
+        f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg",
+        describe_coverage([detections.boards[name] for name in errors]),
+    ]
+    return "\n".join(lines)
 
 
 def describe_coverage(boards: Iterable[Board]) -> str:
@@ -286,15 +276,13 @@ def describe_coverage(boards: Iterable[Board]) -> str:
 def _describe_uses(detections: BoardDetections, camera: Camera) -> dict[str, str]:
     """Use of each picture, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
     report = camera.require_report()
-    uses = {}
-    for name in detections.paths:
-        if name not in report.board_rms_px:
-            uses[name] = report.rejected[name]
-            continue
+    uses = dict.fromkeys(detections.paths, "used") | report.rejected
+    for name in report.board_rms_px:
         board = detections.boards[name]
-        part = {board.columns, board.rows} != set(detections.pattern)
-        uses[name] = "used" + (f", {board.columns}x{board.rows} corners of the board" if part else "")
-        uses[name] += f", picture of {board.size[0]}x{board.size[1]}" if board.size != camera.size else ""
+        if {board.columns, board.rows} != set(detections.pattern):
+            uses[name] += f", {board.columns}x{board.rows} corners of the board"
+        if board.size != camera.size:
+            uses[name] += f", picture of {board.size[0]}x{board.size[1]}"
     return uses
 
 

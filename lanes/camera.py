@@ -20,9 +20,9 @@ import numpy as np
 import yaml
 
 from lanes.describe import html_table
-from lanes.errors import CameraError
+from lanes.errors import CameraError, PictureError
 from lanes.files import read_text, write_atomically
-from lanes.images import MAX_PIXELS, require_rgb, require_size
+from lanes.images import MAX_PIXELS, require_rgb
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
@@ -38,10 +38,7 @@ class CameraPose:
     >>> lanes.CameraPose(height_m=1.3, pitch_rad=0.03).describe()
     '1.30 m high, pitch 1.72, yaw 0.00, roll 0.00 deg'
 
-    Raises
-    ------
-    CameraError
-        If the height is not positive, or a number is not finite.
+    Raises CameraError if the height is not positive, or a number is not finite.
     """
 
     height_m: float
@@ -118,10 +115,7 @@ class Camera:
     def from_fov(cls, size: tuple[int, int], hfov_deg: float, pose: CameraPose | None = None) -> Camera:
         """A camera without distortion from its horizontal field of view in degrees; `size` is (width, height).
 
-        Raises
-        ------
-        CameraError
-            If the field of view is not between 10 and 150 degrees.
+        Raises CameraError if the field of view is not between 10 and 150 degrees.
         """
         if not HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1]:
             raise CameraError(
@@ -168,10 +162,7 @@ class Camera:
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for images resized to `size` (width, height).
 
-        Raises
-        ------
-        CameraError
-            If the aspect ratio differs: the image was cropped, so the principal point is unknown.
+        Raises CameraError if the aspect ratio differs: the image was cropped, so the principal point is unknown.
         """
         width, height = size
         if abs(width / height - self.width / self.height) > MAX_ASPECT_DIFFERENCE:
@@ -185,8 +176,19 @@ class Camera:
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
     def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
-        """As `lanes.images.require_size`: the image, contiguous, if it has the size of the camera's."""
-        return require_size(image, self.size, name, calibrated=bool(self.distortion.any()))
+        """As `lanes.images.require_rgb`; also raises PictureError if the image has another size than the camera's."""
+        image = require_rgb(image, name)
+        height, width = image.shape[:2]
+        if (width, height) == self.size:
+            return image
+        if self.distortion.any():
+            origin = "was calibrated for"
+            remedy = "use a picture of that size, or rescale (rescale=True in undistort, camera.scaled) a resized one."
+        else:
+            origin = "is that of pictures of"
+            remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
+        size = f"{self.width}x{self.height}"
+        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size}; {remedy}")
 
     def undistort_points(self, pixels: np.ndarray) -> np.ndarray:
         """Pixels (N, 2) of the undistorted image for raw pixels (N, 2)."""
@@ -295,14 +297,9 @@ def _largest_ray(k1: float, k2: float, k3: float) -> float:
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
     """The RGB image (height, width, 3), uint8, without lens distortion, with the same camera matrix.
 
-    With `rescale` the image may have been resized (same aspect ratio): the calibration is rescaled to it.
-
-    Raises
-    ------
-    PictureError
-        If the image is not RGB, or has another size than the camera and `rescale` is False.
-    CameraError
-        If `rescale` is True and the aspect ratio differs.
+    With `rescale` the image may have been resized (same aspect ratio): the calibration is rescaled to it. Raises
+    PictureError if the image is not RGB, or has another size than the camera and `rescale` is False, and CameraError if
+    `rescale` is True and the aspect ratio differs.
     """
     require_rgb(image)
     size = image.shape[1::-1]
@@ -337,10 +334,7 @@ def save_camera(camera: Camera, path: str | Path) -> Path:
 
     >>> lanes.save_camera(camera, "camera.yaml")  # doctest: +SKIP
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written.
+    Raises OSError if the file cannot be written.
     """
     path = Path(path)
     write_atomically(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
@@ -376,12 +370,8 @@ def load_camera(path: str | Path) -> Camera:
 
     >>> camera = lanes.load_camera("camera.yaml")  # doctest: +SKIP
 
-    Raises
-    ------
-    FileNotFoundError
-        If the file does not exist.
-    CameraError
-        If it is not a camera file, lacks an entry, or has values that no camera can have.
+    Raises FileNotFoundError if the file does not exist, or CameraError if it is not a camera file, lacks an entry, or
+    has values that no camera can have.
     """
     # a file with a thousand boards has 50 kB
     text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
@@ -395,12 +385,8 @@ def load_camera(path: str | Path) -> Camera:
 def camera_from_dict(content: dict) -> Camera:
     """The camera of a parsed camera file or of the `camera` part of a truth file.
 
-    Raises
-    ------
-    KeyError
-        If an entry is missing.
-    ValueError, TypeError, AttributeError, OverflowError
-        If an entry is not valid.
+    Raises KeyError if an entry is missing, and ValueError, TypeError, AttributeError or OverflowError if one is not
+    valid.
     """
     if not isinstance(content, dict):
         raise ValueError("it has no entries")

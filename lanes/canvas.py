@@ -8,7 +8,7 @@ PictureError if the image is not RGB (height, width, 3), uint8.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache, lru_cache
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -26,6 +26,8 @@ WINDOW_COLOUR: Colour = (255, 210, 0)
 TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
+# OpenCV's outline font; its stroke fonts have no letters and signs beyond ASCII.
+_FONT = cv2.FontFace("sans")
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 FONT_WEIGHT = 500
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
@@ -153,7 +155,7 @@ def _put_line(image: np.ndarray, line: str, left: int, top: int, size: int) -> N
     """Write one line of white text with its upper left corner at (left, top)."""
     # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
     align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
-    cv2.putText(image, line, (left, top + size), TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
+    cv2.putText(image, line, (left, top + size), TEXT_COLOUR, _FONT, size, FONT_WEIGHT, align, wrap_range)
 
 
 def _line_height(size: int) -> int:
@@ -165,13 +167,7 @@ def _margin(size: int) -> int:
     return max(2, round(size * 0.6))
 
 
-@cache
-def _font() -> cv2.FontFace:
-    # OpenCV's outline font; its stroke fonts have no letters and signs beyond ASCII.
-    return cv2.FontFace("sans")
-
-
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
     """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
-    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, FONT_WEIGHT)[2]
+    return cv2.getTextSize((0, 0), line, (0, 0), _FONT, size, FONT_WEIGHT)[2]

@@ -55,14 +55,8 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
     the dark and in glare, the second, and a part of the board the third. All corners are then refined to sub-pixel
     accuracy (`cv2.cornerSubPix`), which halves the largest error on the rendered boards.
 
-    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows).
-
-    Raises
-    ------
-    PictureError
-        If the image is not RGB.
-    CameraError
-        If `pattern` is smaller than 3 x 3.
+    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). Raises
+    PictureError if the image is not RGB, and CameraError if `pattern` is smaller than 3 x 3.
     """
     image = require_rgb(image)
     if min(pattern) < 3:

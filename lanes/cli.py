@@ -23,16 +23,18 @@ from lanes.calibration import (
     list_board_pictures,
 )
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
-from lanes.console import bounded_float, bounded_int, error_status, progress_line, run_command, run_program
+from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
+from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError, PoseError
 from lanes.explain import explain
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import PICTURE_SUFFIXES, read_image, write_image
 from lanes.many import annotate_many
-from lanes.pose import LANE_WIDTH_M, PRIOR_HEIGHT_M, ensure_pose, estimate_pose
+from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, PRIOR_HEIGHT_M, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
+from lanes.stills import HEIGHT_RANGE_M
 from lanes.video.reader import read_video
 
 
@@ -50,15 +52,11 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a chessboard, or folder of pictures"
-        )
-        parser.add_argument(
-            "--pattern", type=pattern, default=(9, 6), metavar="CxR", help="inner corners of the board (default: 9x6)"
-        )
-        parser.add_argument(
-            "--sheet", type=Path, metavar="FILE", help="also write a picture of all boards with their corners"
-        )
+        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a board, or folder")
+        words = "inner corners of the board (default: 9x6)"
+        parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
+        words = "also write a picture of all boards with their corners"
+        parser.add_argument("--sheet", type=Path, metavar="FILE", help=words)
         add_output(parser, "camera.yaml", "camera file to write")
 
     @staticmethod
@@ -92,19 +90,13 @@ class Pose:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
         add_lens(parser)
-        parser.add_argument(
-            "--lane-width",
-            type=bounded_float(2, 6),
-            metavar="M",
-            help="true width of the lanes, metres (default: 3.66)",
-        )
-        parser.add_argument(
-            "--height", type=bounded_float(0.5, 4.5), metavar="M", help="measured height of the camera, metres"
-        )
+        words = "true width of the lanes, metres (default: %(default)s)"
+        parser.add_argument("--lane-width", type=bounded(float, 2, 6), default=LANE_WIDTH_M, metavar="M", help=words)
+        words = "measured height of the camera, metres"
+        parser.add_argument("--height", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
         add_part(parser)
-        parser.add_argument(
-            "--pictures", type=bounded_int(1), default=40, metavar="N", help="use at most N pictures (default: 40)"
-        )
+        words = "use at most N pictures (default: %(default)s)"
+        parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
         add_output(parser, "camera.yaml", "camera file to write")
 
     @staticmethod
@@ -113,7 +105,7 @@ class Pose:
         estimate = estimate_pose(
             options.files,
             find_lens(options),
-            lane_width_m=options.lane_width or LANE_WIDTH_M,
+            lane_width_m=options.lane_width,
             height_m=options.height,
             max_pictures=options.pictures,
             start_s=options.start,
@@ -148,22 +140,20 @@ class Annotate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "files", nargs="+", metavar="SOURCE", help='video, still, folder, or pattern such as "drives/*.mp4"'
-        )
+        words = 'video, still, folder, or pattern such as "drives/*.mp4"'
+        parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
         add_lens(parser, each=True)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
         words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
-        parser.add_argument("--style", choices=("lane", "lines", "mosaic"), default="lane", help=words)
+        parser.add_argument("--style", choices=STYLES, default=STYLES[0], help=words)
         parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
         parser.add_argument("--quiet", action="store_true", help="print errors only")
         many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
         where = many.add_mutually_exclusive_group()
-        where.add_argument("--workers", type=bounded_int(1), metavar="N", help="number of processes on this machine")
-        where.add_argument(
-            "--scheduler", metavar="ADDRESS", help="address of a Dask scheduler, like tcp://10.0.0.1:8786"
-        )
+        where.add_argument("--workers", type=bounded(int, 1), metavar="N", help="number of processes on this machine")
+        words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"
+        where.add_argument("--scheduler", metavar="ADDRESS", help=words)
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
@@ -213,20 +203,18 @@ class Detect:
         words = "picture rows, TO excluded (default: %(default)s)"
         parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
-        parser.add_argument(
-            "--fps", type=bounded_float(1), default=25.0, help="frames per second of --sequence (default: %(default)s)"
-        )
+        words = "frames per second of --sequence (default: %(default)s)"
+        parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
         add_output(parser, "lanes.jsonl", "file to write")
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         """Detect the lane in every picture, and write the detections; returns 1 if a still was left out."""
         sources = find_sources(map(str, options.files))
-        if options.each and (options.sequence or sources.videos):
-            other = (
-                "--sequence is for stills of one camera" if options.sequence else f"{sources.videos[0]}: is no still"
-            )
-            raise ValueError(f"{other}; omit it, or omit --each.")
+        if options.each and options.sequence:
+            raise ValueError("--sequence is for stills of one camera; omit it, or omit --each.")
+        if options.each and sources.videos:
+            raise ValueError(f"{sources.videos[0]}: is no still; omit it, or omit --each.")
         require_no_input_among([options.output], sources.videos + sources.stills)
         settings = read_settings(options, sources)
         failures: list[LaneError] = []
@@ -260,9 +248,8 @@ class Explain:
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
-        parser.add_argument(
-            "--at", type=bounded_float(0), metavar="SECONDS", help="time of the frame in a video (default: first frame)"
-        )
+        words = "time of the frame in a video (default: first frame)"
+        parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
         add_lens(parser)
         add_output(parser, "explained.png", "figure to write")
 
@@ -324,9 +311,8 @@ def _command_parser(program: str) -> argparse.ArgumentParser:
         f"  {program} annotate --hfov 60 drive.mp4\n  {program} annotate --help",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    parser.add_argument(
-        "command", choices=COMMANDS, metavar="COMMAND", help="one of the commands below; COMMAND --help describes it"
-    )
+    words = "one of the commands below; COMMAND --help describes it"
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help=words)
     parser.add_argument("--version", action="version", version=f"lanes {__version__}")
     return parser
 
@@ -342,17 +328,16 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
-    lens.add_argument("--hfov", type=bounded_float(10, 150), metavar="DEG", help=words)
+    lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "calibrate the lens from pictures of a chessboard with 9 x 6 inner corners"
     lens.add_argument("--boards", type=Path, metavar="FOLDER", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for a part of the videos; `read_settings` checks them."""
-    parser.add_argument(
-        "--start", type=bounded_float(0), default=0.0, metavar="S", help="start at this second of each video"
-    )
-    parser.add_argument("--end", type=bounded_float(0), metavar="S", help="stop at this second of each video")
+    words = "start at this second of each video"
+    parser.add_argument("--start", type=bounded(float, 0), default=0.0, metavar="S", help=words)
+    parser.add_argument("--end", type=bounded(float, 0), metavar="S", help="stop at this second of each video")
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:

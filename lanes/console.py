@@ -11,29 +11,19 @@ from io import TextIOWrapper
 from typing import Any
 
 
-def bounded_float(minimum: float, maximum: float = math.inf) -> Callable[[str], float]:
-    """An argparse type: a number from `minimum` to `maximum`."""
+def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math.inf) -> Callable[[str], Any]:
+    """An argparse type: a number of that kind from `minimum` to `maximum`."""
+    what = "a whole number" if kind is int else "a number"
     limits = f"{minimum:g} or more" if maximum == math.inf else f"{minimum:g} to {maximum:g}"
 
     def parse(text: str) -> float:
         try:
-            value = float(text)
+            value = kind(text)
         except ValueError:
             value = math.nan
-        if not (minimum <= value <= maximum and math.isfinite(value)):
-            raise argparse.ArgumentTypeError(f"{text} does not do; give a number, {limits}")
+        if not minimum <= value <= maximum or value == math.inf:
+            raise argparse.ArgumentTypeError(f"{text} does not do; give {what}, {limits}")
         return value
-
-    return parse
-
-
-def bounded_int(minimum: int) -> Callable[[str], int]:
-    """An argparse type: a whole number from `minimum`, which is 0 or more."""
-
-    def parse(text: str) -> int:
-        if not (text.isdecimal() and int(text) >= minimum):
-            raise argparse.ArgumentTypeError(f"{text} does not do; give a whole number, {minimum} or more")
-        return int(text)
 
     return parse
 

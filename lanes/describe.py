@@ -43,10 +43,8 @@ def describe_std(std_m: float) -> str:
     return f"{max(std_m, 0.01):.2f}"
 
 
-def describe_heading(heading_rad: float | None) -> str:
-    """Text for the road's direction relative to the car: "0.6 deg to the left", "straight ahead", "heading unknown"."""
-    if heading_rad is None:
-        return "heading unknown"
+def describe_heading(heading_rad: float) -> str:
+    """Text for the road's direction relative to the car: "0.6 deg to the left" or "straight ahead"."""
     heading_deg = abs(degrees(heading_rad))
     if heading_deg < 0.05:
         return "straight ahead"

@@ -49,18 +49,10 @@ class Candidate:
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """An image and the result of every detection step; `lanes.figures.show_explanation` draws it.
+    """A raw RGB image (height, width, 3), uint8, and the result of every detection step in it.
 
-    Attributes
-    ----------
-    image : ndarray of shape (height, width, 3), uint8
-        RGB, raw.
-    steps : tuple of Step
-        In order of execution; only the last one may have failed.
-    detection : StillDetection or None
-        What was found in the image, and what it was found in; None if the camera sees no road.
-    candidates : tuple of Candidate
-        Best first.
+    `steps` are in order of execution; only the last one may have failed. `detection` is None if the camera sees no
+    road. `candidates` are those lanes that were compared, best first. `lanes.figures.show_explanation` draws it.
     """
 
     image: np.ndarray

@@ -12,7 +12,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -45,27 +45,17 @@ STYLE: dict[Any, Any] = {
 TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Distances ahead that are marked on pictures of a road grid, metres.
 MARKED_M = (5, 10, 20, 40)
-# Above the axes, where a legend hides no curve.
-LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 
 
-class RoadGrid(Protocol):
-    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
+def draw_on_road_grid(axis: Axes, image: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, **look: Any) -> None:
+    """Show a picture of the road; the distances x of its rows may grow, so the marks ahead are not even.
 
-    @property
-    def x_m(self) -> np.ndarray: ...
-
-    @property
-    def y_m(self) -> np.ndarray: ...
-
-
-def draw_on_road_grid(axis: Axes, image: np.ndarray, grid: RoadGrid, **look: Any) -> None:
-    """Show a picture of a road grid; the distances of its rows may grow, so the marks ahead are not even."""
-    rows = len(grid.x_m)
-    axis.imshow(image, extent=(grid.y_m[0], grid.y_m[-1], rows - 0.5, -0.5), aspect="auto", **look)
-    marked_m = [x_m for x_m in MARKED_M if grid.x_m[-1] <= x_m <= grid.x_m[0]]
-    marks = np.interp(marked_m, grid.x_m[::-1], np.arange(rows)[::-1])
-    axis.set_yticks(marks, [f"{x_m} m" for x_m in marked_m])
+    `x_m` (rows,) are farthest first, `y_m` (columns,) left first.
+    """
+    axis.imshow(image, extent=(y_m[0], y_m[-1], len(x_m) - 0.5, -0.5), aspect="auto", **look)
+    marked_m = [mark_m for mark_m in MARKED_M if x_m[-1] <= mark_m <= x_m[0]]
+    marks = np.interp(marked_m, x_m[::-1], np.arange(len(x_m))[::-1])
+    axis.set_yticks(marks, [f"{mark_m} m" for mark_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
 
 
@@ -88,10 +78,7 @@ def rgb(colour: Colour) -> tuple[float, float, float]:
 def save_figure(figure: Figure, path: str | Path) -> Path:
     """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
 
-    Raises
-    ------
-    ValueError, OSError
-        If the name has another suffix, or the folder cannot be written to.
+    Raises ValueError if the name has another suffix, or OSError if the folder cannot be written to.
     """
     path = Path(path)
     kind = figure_kind(path)
@@ -132,14 +119,14 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     result = f"Result: found, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
     # title, function that plots the panel, and what it needs
     panels: dict[str, tuple[str, Callable[[Axes, Explanation, Any], None], object]] = {
-        "picture": (f"Image: {said['picture']}", _plot_image, explanation),
+        "picture": (f"Image: {said['picture']}", _plot_image, explanation.image),
         "pose": (f"Camera pose: {explanation.camera.require_pose().describe()}", _plot_pose, explanation),
         "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye, detection),
         "markings": (f"Marking response: {said['markings']}", _plot_markings, detection),
         "stripes": (f"Stripes: {said['stripes']}", _plot_stripes, detection),
         "votes": (f"Votes: {said['votes']}", _plot_votes, search),
         "fit": (f"Fit: {said['fit']}", _plot_fit, search),
-        "lane": (result, _plot_result, explanation),
+        "lane": (result, _plot_image, draw_lane(explanation.image, lane, explanation.camera)),
         "text": ("In words", _plot_text, explanation),
     }
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
@@ -155,8 +142,8 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     return figure, axes
 
 
-def _plot_image(axis: Axes, explanation: Explanation, _: object) -> None:
-    axis.imshow(explanation.image)
+def _plot_image(axis: Axes, _: Explanation, image: np.ndarray) -> None:
+    axis.imshow(image)
     axis.set_axis_off()
 
 
@@ -184,12 +171,12 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
 
 def _plot_birdseye(axis: Axes, _: Explanation, detection: StillDetection) -> None:
     view = detection.evidence.view
-    draw_on_road_grid(axis, view.blacken(detection.evidence.view_image), view)
+    draw_on_road_grid(axis, view.blacken(detection.evidence.view_image), view.x_m, view.y_m)
 
 
 def _plot_markings(axis: Axes, _: Explanation, detection: StillDetection) -> None:
-    strength = detection.evidence.response.strength
-    draw_on_road_grid(axis, strength, detection.evidence.view, cmap="magma", vmin=0, vmax=12)
+    strength, view = detection.evidence.response.strength, detection.evidence.view
+    draw_on_road_grid(axis, strength, view.x_m, view.y_m, cmap="magma", vmin=0, vmax=12)
 
 
 def _plot_stripes(axis: Axes, _: Explanation, detection: StillDetection) -> None:
@@ -249,11 +236,6 @@ def _plot_fit(axis: Axes, explanation: Explanation, search: Search) -> None:
     # room for the legend above the lines
     axis.set_ylim(top=66)
     axis.legend(loc="upper right", fontsize=8, title="bands: two standard deviations", title_fontsize=8)
-
-
-def _plot_result(axis: Axes, explanation: Explanation, _: object) -> None:
-    axis.imshow(draw_lane(explanation.image, explanation.lane, explanation.camera))
-    axis.set_axis_off()
 
 
 def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:

@@ -108,7 +108,8 @@ def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
 
 def write_atomically(path: str | Path, data: bytes) -> None:
     """Write a file that is either complete or not there, see `atomic_write`."""
-    with atomic_write(Path(path)) as partial:
+    path = Path(path)
+    with atomic_write(path) as partial, translate_write_errors(path):
         partial.write_bytes(data)
 
 
@@ -117,15 +118,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
     """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
 
     Of two processes that write the same output, the last one to finish replaces the other's file. A link is replaced at
-    its target and stays a link. The folder is created where needed. Raises OSError if the file cannot be written.
+    its target and stays a link. The folder is created where needed. Raises OSError if the file cannot be written;
+    errors of the block are not reworded.
     """
-    with partial_file(path) as partial, translate_write_errors(path):
-        yield partial
-
-
-@contextmanager
-def partial_file(path: Path) -> Iterator[Path]:
-    """As `atomic_write`, but errors of the block are not reworded."""
     with translate_write_errors(path):
         target = Path(os.path.realpath(path))
         # Root could rename a file over /dev/null.
@@ -229,14 +224,12 @@ class TelemetryWriter:
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is not None:
             return
-        with (
-            atomic_write(self.path) as partial,
-            # File names of stills may contain bytes that are not UTF-8.
-            partial.open("w", encoding="utf-8", errors="replace", newline="") as file,
-        ):
-            writer = csv.writer(file, lineterminator="\n")
-            writer.writerow(self._columns)
-            writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
+        table = io.StringIO()
+        writer = csv.writer(table, lineterminator="\n")
+        writer.writerow(self._columns)
+        writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
+        # File names of stills may contain bytes that are not UTF-8.
+        write_atomically(self.path, table.getvalue().encode(errors="replace"))
 
     def write(self, row: Mapping[str, object]) -> None:
         """Append a row: column name to value. Missing values, None and NaN become empty fields, truth values 1 and 0.

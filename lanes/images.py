@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -21,17 +20,10 @@ import numpy as np
 from lanes.errors import PictureError
 from lanes.files import list_files, require_file, write_atomically
 
-if TYPE_CHECKING:
-    from PIL.ImageFile import ImageFile
-
 _READABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 # Files that are taken for stills, not for videos. `read_image` refuses HEIC and says how to convert it.
 PICTURE_SUFFIXES = (*_READABLE, ".heic", ".heif")
-_QUALITY_OPTIONS = {
-    ".jpg": cv2.IMWRITE_JPEG_QUALITY,
-    ".jpeg": cv2.IMWRITE_JPEG_QUALITY,
-    ".webp": cv2.IMWRITE_WEBP_QUALITY,
-}
+_QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", ".jpeg"), cv2.IMWRITE_JPEG_QUALITY)
 # First box of a HEIC file (ISO 23008-12, 10.2).
 _HEIC_BOXES = {b"ftypheic", b"ftypheix", b"ftyphevc", b"ftypmif1", b"ftypmsf1"}
 # Four times an 8K video's, and above the 102 million of the largest cameras. A header can claim 4,000 million.
@@ -54,25 +46,6 @@ def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
     if not image.size:
         raise PictureError(f"{name}: holds no pixels (shape {image.shape}); check how it was cropped.")
     return np.ascontiguousarray(image)
-
-
-def require_size(
-    image: np.ndarray, size: tuple[int, int], name: object = "image", *, calibrated: bool = True
-) -> np.ndarray:
-    """As `require_rgb`; also raises PictureError unless the image has the `size` (width, height) of the camera.
-
-    `calibrated` is False if the size is only that of the other images.
-    """
-    image = require_rgb(image, name)
-    height, width = image.shape[:2]
-    if (width, height) != size:
-        origin = "is that of pictures of"
-        remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
-        if calibrated:
-            origin = "was calibrated for"
-            remedy = "use a picture of that size, or rescale (rescale=True in undistort, camera.scaled) a resized one."
-        raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size[0]}x{size[1]}; {remedy}")
-    return image
 
 
 def read_image(path: str | Path) -> np.ndarray:
@@ -133,14 +106,26 @@ def natural_key(path: Path) -> list:
 def _require_complete(path: Path, data: bytes) -> None:
     """Refuse files of other formats, too large, cut off or damaged; OpenCV would fill missing rows with gray.
 
-    Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size.
+    Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size. `PIL.Image.open` would refuse
+    large pictures without their size.
     """
+    # Imported here: commands that read videos only start sooner.
+    from PIL import BmpImagePlugin, JpegImagePlugin, PngImagePlugin, TiffImagePlugin, WebPImagePlugin
+
+    openers = {
+        b"\xff\xd8": JpegImagePlugin.JpegImageFile,
+        b"\x89PNG\r\n\x1a\n": PngImagePlugin.PngImageFile,
+        b"RIFF": WebPImagePlugin.WebPImageFile,
+        b"BM": BmpImagePlugin.BmpImageFile,
+        b"II*\0": TiffImagePlugin.TiffImageFile,
+        b"MM\0*": TiffImagePlugin.TiffImageFile,
+    }
     if data[4:12] in _HEIC_BOXES:
         raise PictureError(
             f"{path}: is a HEIC picture, which cannot be read; convert it to JPEG, for instance with ImageMagick "
             f"(magick {path.name} {path.stem}.jpg) or by exporting it from the photo app."
         )
-    opener = _opener(data)
+    opener = next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
     if opener is None:
         raise PictureError(f"{path}: this is not a JPEG, PNG, WebP, BMP or TIFF picture; save it again as JPEG or PNG.")
     try:
@@ -162,26 +147,6 @@ def _require_complete(path: Path, data: bytes) -> None:
             f"{path}: claims {picture.width}x{picture.height} pixels, more than the maximum of "
             f"{MAX_PIXELS / 1e6:.0f} million; make it smaller."
         )
-
-
-def _opener(data: bytes) -> type[ImageFile] | None:
-    """Pillow's class for the format of a file; `PIL.Image.open` would refuse large pictures without their size."""
-    # Imported here: commands that read videos only start sooner.
-    from PIL.BmpImagePlugin import BmpImageFile
-    from PIL.JpegImagePlugin import JpegImageFile
-    from PIL.PngImagePlugin import PngImageFile
-    from PIL.TiffImagePlugin import TiffImageFile
-    from PIL.WebPImagePlugin import WebPImageFile
-
-    openers = {
-        b"\xff\xd8": JpegImageFile,
-        b"\x89PNG\r\n\x1a\n": PngImageFile,
-        b"RIFF": WebPImageFile,
-        b"BM": BmpImageFile,
-        b"II*\0": TiffImageFile,
-        b"MM\0*": TiffImageFile,
-    }
-    return next((opener for magic, opener in openers.items() if data.startswith(magic)), None)
 
 
 @contextmanager

@@ -65,23 +65,12 @@ Progress = Callable[[int, int], None]
 
 @dataclass(frozen=True, eq=False)
 class PoseEstimate:
-    """Estimated camera pose with standard deviations.
+    """The camera with the estimated pose, and the standard deviations of the pose.
 
-    Attributes
-    ----------
-    camera : Camera
-        The camera with the estimated pose.
-    height_std_m, pitch_std_rad, yaw_std_rad, roll_std_rad : float
-        Standard deviations. That of the height includes the uncertainty of the assumed lane width.
-    frames_used, frames_total : int
-        Images with at least two parallel lines, and all images.
-    lane_width_m : float or None
-        Lane width that determines the height. If the height was given, the lane width that follows from it. None if
-        the height does not come from lane lines.
-    notes : tuple of str
-        Quantities that the images do not determine.
-    still : StillDetection or None
-        If the pose was estimated from a single image: what was found in it. The pose is that of its lane.
+    `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with at least two
+    parallel lines. `lane_width_m` determines the height, or follows from a given height; it is None if the height does
+    not come from lane lines. `notes` name what the images do not determine. If the pose was estimated from a single
+    image, `still` is what was found in it, and the pose is that of its lane.
     """
 
     camera: Camera
@@ -207,7 +196,13 @@ def estimate_pose(
         images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
     first = list(islice(images, 1))
     try:
-        estimate = _pose_from_images(chain(first, images), camera, lane_width_m, height_m, progress)
+        resized, resized_camera = _resize(chain(first, images), camera)
+        try:
+            estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
+        except PoseError as error:
+            if len(resized) > 1:
+                raise
+            estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
     camera = camera.with_pose(estimate.pose)
@@ -237,23 +232,6 @@ def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
         return [], chain(first, items)
     sources = find_sources(map(str, chain(first, items)))
     return [*sources.stills, *sources.videos], iter(())
-
-
-def _pose_from_images(
-    images: Iterable[np.ndarray],
-    camera: Camera,
-    lane_width_m: float,
-    height_m: float | None,
-    progress: Progress | None,
-) -> PoseEstimate:
-    """The pose from lane lines; that of a single image without them from all its edges."""
-    resized, camera = _resize(images, camera)
-    try:
-        return _pose_from_lines(resized, camera, lane_width_m, height_m, progress)
-    except PoseError as error:
-        if len(resized) > 1:
-            raise
-        return _pose_from_edges(resized[0], camera, height_m, error)
 
 
 def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:
@@ -336,8 +314,13 @@ def _pose_from_lines(
 
 
 def _find_all_segments(images: list[np.ndarray], camera: Camera, progress: Progress | None) -> list[Segments]:
-    """Stripe segments of each image, below the horizon of a coarse search."""
-    coarse_y0 = _coarse_horizon(images, camera)
+    """Stripe segments of each image, below the horizon of a coarse search in up to 20 images.
+
+    Each of the four start rows of that search finds a part of the stripes.
+    """
+    few, rows = images[:: -(-len(images) // 20)], [share * camera.height for share in (0.3, 0.45, 0.6, 0.75)]
+    coarse = drop_static([[find_segments(image, camera, row) for row in rows] for image in few], camera)
+    coarse_y0 = _vote_horizon(coarse)
     horizon_row = float(camera.matrix[1, 2] + camera.matrix[1, 1] * coarse_y0)
     segments = []
     for done, image in enumerate(images, 1):
@@ -345,13 +328,6 @@ def _find_all_segments(images: list[np.ndarray], camera: Camera, progress: Progr
         if progress:
             progress(done, len(images))
     return drop_static([[of_image] for of_image in segments], camera)
-
-
-def _coarse_horizon(images: list[np.ndarray], camera: Camera) -> float:
-    """The y0 with most votes in up to 20 images; each of four start rows finds a part of the stripes."""
-    few = images[:: -(-len(images) // 20)]
-    rows = [share * camera.height for share in (0.3, 0.45, 0.6, 0.75)]
-    return _vote_horizon(drop_static([[find_segments(image, camera, row) for row in rows] for image in few], camera))
 
 
 def _vote_horizon(segments: list[Segments]) -> float:

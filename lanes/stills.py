@@ -34,10 +34,7 @@ CLEARLY_MORE_LOG_ODDS = 1.0
 HEIGHT_RANGE_M = 0.5, 4.5
 # Poses that are tried: steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch,
 # degrees. Tuned on rendered photos (docs/ablation.md), as are the two numbers below.
-TRIED_STEPS = (
-    *((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0)),
-    *((-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3)),
-)
+TRIED_STEPS = ((0.0, 0.0), (-1.2, 0.0), (1.2, 0.0), (-0.6, -0.3), (-0.6, 0.3), (0.6, -0.3), (0.6, 0.3))
 # Standard deviation of the pitch of the road relative to the estimate, degrees.
 PITCH_STD_DEG = 0.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
@@ -48,14 +45,8 @@ SAME_LINE_SHARE = 0.02
 class StillDetection:
     """What was found in a single image, and what it was found in.
 
-    Attributes
-    ----------
-    evidence : FrameEvidence
-        View, marking response and stripes, of the band filter or of the network.
-    search : Search or None
-        Votes and fits; None without stripes near the car.
-    lane : Lane or None
-        None if no lane is seen.
+    `evidence` is that of the band filter or of the network; `search` is None without stripes near the car; `lane` is
+    None if no lane is seen.
     """
 
     evidence: FrameEvidence
@@ -116,17 +107,8 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     that show it is taken, and of these poses the most probable one. The share of the poses tried that show this lane is
     `Lane.same_lane_share`.
 
-    Parameters
-    ----------
-    camera : Camera
-        With the estimated pose. It is kept if no pose shows a lane.
-    height_log_std : float
-        Standard deviation of the logarithm of the estimated height.
-
-    Raises
-    ------
-    PictureError, CameraError
-        As for `find_lane`.
+    The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
+    of the logarithm of its height. Errors are those of `find_lane`.
     """
     tried = list(_try_poses(image, camera, height_log_std))
     shown = [detection for detection, _ in tried if detection.lane is not None]

@@ -7,7 +7,7 @@ import sys
 from functools import partial
 from pathlib import Path
 
-from lanes.console import bounded_float, progress_line, run_command, run_program
+from lanes.console import bounded, progress_line, run_command, run_program
 
 EXAMPLES = """\
   {program}
@@ -39,7 +39,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--seconds",
-        type=bounded_float(0.04, 10),
+        type=bounded(float, 0.04, 10),
         default=10.0,
         metavar="S",
         help="maximum length of a video in seconds (default: %(default)s)",

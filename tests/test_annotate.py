@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 
 from lanes.annotate import Annotation, annotate, track
 from lanes.camera import Camera, CameraPose
-from lanes.errors import CameraError, PictureError, PoseError, VideoError
+from lanes.errors import CameraError, PictureError, PoseError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
@@ -20,14 +19,11 @@ from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, PaintedDrive
 from tests.support.painted_roads import paint_motorway
+from tests.support.project import names
 from tests.video.sample_videos import make_video_with_unknown_sound
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 BLACK = np.zeros_like(GREY)
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} if folder.exists() else set()
 
 
 def quietly(sources: object, output: Path, camera: Camera | None = SMALL, **options: object) -> list[Annotation]:
@@ -96,15 +92,6 @@ def test_the_result_has_what_the_files_have(drive, tmp_path):
     assert "drive.mp4: lane report" in page and "m high, pitch" in page
 
 
-def test_types_of_the_lines_are_in_the_telemetry(tmp_path):
-    """Solid yellow on the left, white dashes on the right; None while too little of a line was seen."""
-    (result,) = quietly(write_drive(tmp_path / "d.mp4", BENDS, 50), tmp_path / "out", report=False)
-    last = {name: result.telemetry[f"{name}"][-1] for name in result.telemetry if name.endswith(("kind", "colour"))}
-    left, right = {"left_kind": "solid", "left_colour": "yellow"}, {"right_kind": "dashed", "right_colour": "white"}
-    assert last == left | right
-    assert (result.telemetry["left_double"][-1], result.telemetry["right_double"][-1]) == (0, 0)
-
-
 def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
     """The tracker coasts for one second: one black frame later it coasts, 1.5 s later the lane is lost."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
@@ -164,30 +151,6 @@ def test_lost_sound_is_stated(tmp_path):
     assert len(result.telemetry["frame"]) == 3 and "sound track cannot be decoded" in result.description
 
 
-def test_a_video_is_inspected_once(drive, tmp_path, monkeypatch):
-    """Also if the pose is estimated from it: counting the frames reads the whole file."""
-    inspected: list[Path] = []
-    # `lanes.annotate` is the function of that name
-    annotate_module = sys.modules["lanes.annotate"]
-    monkeypatch.setattr(annotate_module, "inspect_video", lambda path: inspected.append(path) or inspect_video(path))
-    for module in ("lanes.sources", "lanes.video.process"):
-        monkeypatch.setattr(f"{module}.inspect_video", lambda path: pytest.fail("again"))
-    monkeypatch.setattr("lanes.files.read_telemetry", lambda path: pytest.fail("read back"))
-    quietly(drive / "drive.mp4", tmp_path, SMALL.with_pose(None), report=False)
-    assert inspected == [drive / "drive.mp4"]
-
-
-def test_failures_are_raised_after_the_others_were_annotated(drive, tmp_path):
-    (tmp_path / "a.mp4").write_text("no video")
-    (tmp_path / "b").mkdir()
-    with pytest.raises(VideoError, match=r"a\.mp4: cannot be read as a video"):
-        quietly([tmp_path / "a.mp4", drive / "drive.mp4"], tmp_path / "out", report=False)
-    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv"}
-    with pytest.raises(ValueError, match=r"drive\.mp4: would be written from .* and from .*"):
-        quietly([drive / "drive.mp4", write_drive(tmp_path / "b" / "drive.mp4", BENDS, 1)], tmp_path / "late")
-    assert names(tmp_path / "late") == set()
-
-
 # --- stills
 
 
@@ -202,14 +165,6 @@ def test_stills_with_estimated_pose(tmp_path):
     assert (read_image(tmp_path / "out" / "0.png") != read_image(tmp_path / "0.png")).any()
     with pytest.raises(ValueError, match="one of the inputs"):
         quietly(tmp_path, tmp_path)
-
-
-def test_stills_of_all_formats_keep_their_format(tmp_path):
-    for suffix in ("bmp", "tif", "webp"):
-        write_image(tmp_path / f"still.{suffix}", BENDS.frame(0))
-    (result,) = quietly(tmp_path, tmp_path / "out")
-    assert [path.name for path in result.outputs] == ["still.bmp", "still.tif", "still.webp", "pictures.csv"]
-    assert "lane found in 3" in result.description and (read_image(result.outputs[0]) != BENDS.frame(0)).any()
 
 
 def test_stills_of_different_cameras_have_a_pose_each(tmp_path):

@@ -35,36 +35,27 @@ poses = st.builds(
 )
 
 
-def see(pose: CameraPose, point_m: tuple[float, float, float]) -> np.ndarray:
-    """Where a camera without distortion, centre (639.5, 359.5), sees a point of the road frame."""
-    return Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+SLOPE = np.tan(0.05)
+# Poses, a point of the road frame, and how far right of the centre and below it the point is seen, in focal lengths.
+SEEN = {
+    "ahead at the camera's height": (CameraPose(1.5), (20, 0, 1.5), (0, 0)),
+    "on the road, on the left": (CameraPose(1.5), (20, 2, 0), (-0.1, 0.075)),
+    "positive pitch looks down, so the horizon rises": (CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5), (0, -SLOPE)),
+    "positive yaw looks left": (CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5), (SLOPE, 0)),
+    "positive roll has the right side down": (
+        CameraPose(1.5, roll_rad=0.05),
+        (20, 5, 1.5),
+        (-0.25 * np.cos(0.05), 0.25 * np.sin(0.05)),
+    ),
+}
 
 
 class TestSigns:
-    def test_level_camera_sees_the_point_ahead_at_its_height_in_the_middle(self):
-        np.testing.assert_allclose(see(CameraPose(1.5), (20, 0, 1.5)), (639.5, 359.5), atol=1e-9)
-
-    def test_left_is_left_and_the_road_is_below_the_horizon(self):
-        u, v = see(CameraPose(1.5), (20, 2, 0))
-        assert u < 639.5 and v > 359.5
-
-    def test_positive_pitch_looks_down_so_the_horizon_rises(self):
-        _, v = see(CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5))
-        np.testing.assert_allclose(v, 359.5 - FOCAL_PX * np.tan(0.05), atol=1e-9)
-
-    def test_positive_yaw_looks_left_so_what_is_ahead_moves_right(self):
-        u, _ = see(CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5))
-        np.testing.assert_allclose(u, 639.5 + FOCAL_PX * np.tan(0.05), atol=1e-9)
-
-    def test_positive_roll_has_the_right_side_down_so_the_horizon_falls_to_the_left(self):
-        left, right = (see(CameraPose(1.5, roll_rad=0.05), (20, y, 1.5)) for y in (5, -5))
-        assert left[0] < right[0]
-        np.testing.assert_allclose((left[1] - right[1]) / (right[0] - left[0]), np.tan(0.05), atol=1e-9)
-
-    @given(poses)
-    def test_rotation_is_orthonormal(self, pose):
-        np.testing.assert_allclose(pose.rotation @ pose.rotation.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(pose.rotation) > 0
+    @pytest.mark.parametrize("name", SEEN)
+    def test_signs_of_the_pose(self, name):
+        pose, point_m, slopes = SEEN[name]
+        pixel = Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+        np.testing.assert_allclose(pixel, (639.5, 359.5) + FOCAL_PX * np.array(slopes), atol=1e-9)
 
     @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
     def test_impossible_pose_is_refused(self, bad):
@@ -131,19 +122,6 @@ class TestDistortion:
         corners = np.array([[0.0, 0.0], [1735, 0], [0, 963], [1735, 963]])
         np.testing.assert_allclose(camera.distort_points(camera.undistort_points(corners)), corners, atol=1e-6)
 
-    def test_rays_follow_brown_and_conrady(self):
-        """The polynomial written out by hand for one ray."""
-        k1, k2, p1, p2, k3 = DASHCAM.distortion
-        x, y = 0.4, -0.2
-        r2 = x * x + y * y
-        radial = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-        seen = (
-            x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x),
-            y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y,
-        )
-        pixel = DASHCAM.matrix[:2, :2] @ seen + DASHCAM.matrix[:2, 2]
-        np.testing.assert_allclose(DASHCAM.rays(pixel[None])[0], (x, y, 1), atol=1e-8)
-
     @pytest.mark.parametrize("least", [0.0, 5e-324, 1e-310, -1e-310, 1e-30])
     def test_rays_beyond_the_monotonic_range_give_nan(self, least):
         """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
@@ -180,20 +158,6 @@ class TestSizes:
         scaled = DASHCAM.scaled(size)
         np.testing.assert_allclose(scaled.rays(shares * size - 0.5), DASHCAM.rays(pixels), atol=1e-9)
         assert scaled.size == size and scaled.pose == DASHCAM.pose
-
-    def test_scaled_camera_sees_the_road_where_the_resized_image_shows_it(self):
-        """A white square of one metre in a large image, and its centre in the image resized by OpenCV."""
-        corners = DASHCAM.road_to_pixels(np.array([[9.5, 0.5], [9.5, -0.5], [10.5, -0.5], [10.5, 0.5]]))
-        image = np.zeros((720, 1280), np.float32)
-        cv2.fillPoly(image, [np.round(corners * 16).astype(np.int32)], 1.0, cv2.LINE_AA, 4)
-        v, u = np.mgrid[:180, :320]
-        small = cv2.resize(image, (320, 180), interpolation=cv2.INTER_AREA)
-        centre = np.array([(u * small).sum(), (v * small).sum()]) / small.sum()
-        full_v, full_u = np.mgrid[:720, :1280]
-        full = np.array([(full_u * image).sum(), (full_v * image).sum()]) / image.sum()
-        np.testing.assert_allclose(
-            DASHCAM.scaled((320, 180)).pixels_to_road(centre[None]), DASHCAM.pixels_to_road(full[None]), atol=0.002
-        )
 
     def test_another_aspect_ratio_cannot_be_rescaled(self):
         with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
@@ -265,12 +229,10 @@ class TestCameraFile:
     @pytest.mark.parametrize(
         ("entry", "value"),
         [
-            ("image_width", 0),
             ("image_width", float("nan")),
             ("image_height", float("inf")),
             ("image_height", "tall"),
             ("distortion_model", "fisheye"),
-            ("camera_matrix", {"data": [float("nan")] * 9}),
             ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1.0, 2.0]}),
             ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
@@ -282,7 +244,6 @@ class TestCameraFile:
             ("distortion_coefficients", {"data": [0.1] * 4}),
             ("distortion_coefficients", None),
             ("pose", None),
-            ("pose", {"height_m": float("nan")}),
             ("pose", {"height": 1.3}),
             ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
             ("pose", {"height_m": 1300}),
@@ -295,30 +256,6 @@ class TestCameraFile:
         content[entry] = value
         with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
             load_camera(write(tmp_path / "camera.yaml", content))
-
-    @pytest.mark.parametrize(
-        "text",
-        ["#", "just words", "- a\n- list", "a: [1, 2", "!!python/object/apply:os.getcwd []", "\0", "[" * 9999],
-        ids=["empty", "words", "list", "broken", "python tag", "binary", "deep"],
-    )
-    def test_a_file_of_another_kind_is_refused(self, tmp_path, text):
-        with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
-            load_camera(write(tmp_path / "camera.yaml", text))
-
-    def test_missing_and_unwritable_camera_files_are_named(self, tmp_path):
-        with pytest.raises(FileNotFoundError, match=r"camera\.yaml: there is no such camera file"):
-            load_camera(tmp_path / "camera.yaml")
-        (tmp_path / "file").touch()
-        with pytest.raises(OSError, match="cannot be written"):
-            save_camera(DASHCAM, tmp_path / "file" / "camera.yaml")
-
-    def test_aliases_are_refused_before_they_are_expanded(self, tmp_path):
-        """Nine lines that expand to 10^9 numbers."""
-        lines = ["a0: &a0 [1, 1, 1, 1, 1, 1, 1, 1, 1, 1]"]
-        lines += [f"a{n}: &a{n} [{', '.join([f'*a{n - 1}'] * 10)}]" for n in range(1, 9)]
-        text = "\n".join(lines) + "\ncamera_matrix: {data: *a8}\n"
-        with pytest.raises(CameraError, match=r"camera\.yaml: .* \(line 2 has an alias"):
-            load_camera(write(tmp_path / "camera.yaml", text))
 
     def test_names_that_are_not_valid_text_are_written(self, tmp_path):
         report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})

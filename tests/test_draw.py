@@ -12,7 +12,6 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.paint import extract_evidence
 from lanes.draw import MOSAIC_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outlines, track_lane
 from lanes.errors import PictureError
-from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 from tests.support.shapes import a_lane
@@ -50,12 +49,6 @@ def test_drawing_tints_the_lane_and_leaves_the_rest():
     np.testing.assert_array_equal(drawn[v, u], image[v, u])
 
 
-def test_read_only_pictures_are_welcome():
-    image, lane = tracked_bends()
-    assert not image.flags.writeable
-    assert draw_lane(image, lane, SMALL).flags.writeable
-
-
 def test_drawing_on_the_picture_itself_gives_the_same():
     image, lane = tracked_bends()
     own = image.copy()
@@ -86,14 +79,6 @@ def test_another_size_is_refused():
     _, lane = tracked_bends()
     with pytest.raises(PictureError, match="1280x720"):
         draw_lane(np.zeros((720, 1280, 3), np.uint8), lane, SMALL)
-
-
-def test_a_single_picture_is_drawn_with_its_confidence_or_said_to_be_lost():
-    image, _ = tracked_bends()
-    lane = find_lane(image, SMALL)
-    assert (draw_lane(image, lane, SMALL) != image).any(axis=2).mean() > 0.1
-    lost = draw_lane(image, None, SMALL)
-    np.testing.assert_array_equal(lost[120:], image[120:])
 
 
 def test_the_area_of_an_unlikely_lane_is_orange():

@@ -11,11 +11,10 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera
-from lanes.detect.road import CENTRE
 from lanes.errors import CameraError, PictureError
 from lanes.explain import Explanation, explain
 from lanes.figures import show_explanation
-from lanes.stills import detect_still, detect_with_own_pose, find_lane
+from lanes.stills import detect_with_own_pose, find_lane
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -34,13 +33,6 @@ def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
     road = Road(camera)
     road.line(lambda x: width_m / 2 - OFFSET_M + BEND * x**2 / 2, colour=YELLOW)
     return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
-
-
-def parallel_lines(*lateral_m: float, camera: Camera = CAMERA, noise: float = 3.0, **look: object) -> Road:
-    road = Road(camera, noise=noise)
-    for y_m in lateral_m:
-        road.line(lambda x, y_m=y_m: y_m + 0 * x, **look)
-    return road
 
 
 @pytest.fixture(scope="module")
@@ -87,7 +79,7 @@ def spots_image() -> np.ndarray:
 
 def tiles_image() -> np.ndarray:
     """A floor of tiles with light joints, 0.6 m by 2.5 m."""
-    floor = parallel_lines(*np.arange(-3.9, 4, 0.6))
+    floor = Road(CAMERA, noise=3.0).lines(*np.arange(-3.9, 4, 0.6))
     return floor.paint(lambda x, y: np.mod(x, 2.5) < 0.2, (225,) * 3).image()
 
 
@@ -104,7 +96,7 @@ FAILURES = {
         "stripes",
         r"nearer than \d\d m",
     ),
-    "one line": (lambda: (parallel_lines(1.8).image(), CAMERA), "lane", "right line is not seen"),
+    "one line": (lambda: (Road(CAMERA).lines(1.8).image(), CAMERA), "lane", "right line is not seen"),
     "pitch motion": (
         lambda: (lane_road(dashcam(width=1280, pitch_rad=0.045)).image(), CAMERA),
         "lane",
@@ -137,7 +129,7 @@ class TestFailures:
         assert f"failed at  {step}: " in explanation.describe()
 
     def test_a_lane_that_few_poses_show_is_doubtful(self):
-        image = parallel_lines(1.1, -2.5, dash_m=(3.0, 9.0)).image()
+        image = Road(CAMERA).lines(1.1, -2.5, dash_m=(3.0, 9.0)).image()
         found = detect_with_own_pose(image, CAMERA, 0.0)
         doubtful = replace(found, lane=replace(found.lane, same_lane_share=0.1))
         explanation = explain(image, CAMERA, detection=doubtful)
@@ -153,7 +145,7 @@ class TestFailures:
     def test_a_faint_lane_is_explained_with_the_response_that_found_it(self):
         """The band filter finds none here, so evidence, votes, fit and lane are those of the network."""
         camera = dashcam(width=640)
-        faint = parallel_lines(1.8, -1.8, camera=camera, noise=5.0, colour=tuple(np.add(ASPHALT, 8))).image()
+        faint = Road(camera, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8))).image()
         explanation = explain(faint, camera)
         assert explanation.detection.evidence.response.learned
         assert "probability of paint" in explanation.steps[3].summary
@@ -179,16 +171,6 @@ class TestFigure:
             assert any(step.summary in title for title in titles)
         assert any("0.4" in text.get_text() and text.get_text().startswith("offset") for text in axes[8].texts)
 
-    def test_stripes_of_the_lines_lie_where_paint_is(self, good):
-        _, axes = show_explanation(good)
-        shown = {points.get_label().split(maxsplit=1)[1]: points.get_offsets() for points in axes[4].collections}
-        assert list(shown) == ["on no line", "left line", "right line"]
-        for side, name in ((1, "left line"), (-1, "right line")):
-            y_m, x_m = shown[name].T
-            true = side * 1.8 - OFFSET_M + BEND * x_m**2 / 2
-            assert len(x_m) > 20
-            assert np.abs(y_m - true)[x_m < 30].max() < 0.25
-
     def test_the_horizon_is_drawn_where_the_pose_says(self, good):
         _, axes = show_explanation(good)
         far = replace(CAMERA, distortion=np.zeros(5)).road_to_pixels(np.array([[1e7, 0.0]]))[0]
@@ -204,11 +186,3 @@ class TestFigure:
         assert red == [STEPS.index(explanation.failed.name)]
         said = " ".join(text.get_text().strip() for text in axes[8].texts)
         assert explanation.failed.failure in said and explanation.failed.advice in said
-
-    def test_a_lane_beside_the_view_is_drawn_too(self, good):
-        model = good.lane.model.copy()
-        model[CENTRE] = 40.0
-        aside = detect_still(good.image, CAMERA)
-        _, axes = show_explanation(replace(good, detection=replace(aside, lane=replace(aside.lane, model=model))))
-        labels = [text.get_text() for text in axes[6].get_legend().get_texts()]
-        assert len(labels) == 2 and not any("±" in label for label in labels)

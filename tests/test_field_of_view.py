@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 from PIL import Image
 
-from lanes.camera import load_camera
 from lanes.field_of_view import find_field_of_view, read_hfov
-from lanes.images import write_image
-from tests.support.painted_drive import PaintedDrive, lane_lines, s_bend
-from tests.support.project import ROOT
 
 EXIF_BLOCK = 0x8769
 
@@ -66,13 +60,3 @@ class TestExif:
         found = find_field_of_view([photo(tmp_path / "a.jpg")])
         assert (found.hfov_deg, found.assumed) == (60.0, True)
         assert "assumed" in found.describe() and "1.5 times too strong" in found.describe()
-
-
-def test_a_command_without_a_lens_warns_and_continues(tmp_path):
-    drive = PaintedDrive(s_bend(), lane_lines())
-    files = [write_image(tmp_path / f"{n}.jpg", image) for n, image in enumerate(map(drive.frame, (0.0, 1.22)))]
-    command = [sys.executable, "-m", "lanes", "pose", *files, "-o", tmp_path / "camera.yaml"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 0, done.stderr
-    assert "warning: field of view 60.0 deg, assumed" in done.stderr
-    assert load_camera(tmp_path / "camera.yaml").hfov_deg == pytest.approx(60)

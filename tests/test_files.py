@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 
 from lanes.files import (
+    atomic_write,
     exclusive_writer,
-    partial_file,
     read_telemetry,
     read_text,
     remove_stale_partials,
@@ -21,16 +21,13 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
+from tests.support.project import names
 
 STALE = "0123456789ab"
 
 
 class CustomError(ValueError):
     pass
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 # --- in: tests/end_to_end/test_bad_input.py has missing, empty and unreadable files, folders, pipes, devices and links
@@ -112,8 +109,8 @@ def test_only_stale_partial_files_are_removed(tmp_path):
 
 def test_two_writers_of_one_file_do_not_mix(tmp_path):
     """Neither changes the other's partial file; the last one to finish replaces the first one's output."""
-    with partial_file(tmp_path / "a.txt") as first:
-        with partial_file(tmp_path / "a.txt") as second:
+    with atomic_write(tmp_path / "a.txt") as first:
+        with atomic_write(tmp_path / "a.txt") as second:
             assert first != second and names(tmp_path) == {first.name, second.name}
             first.write_text("first")
             second.write_text("second")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from pathlib import Path
 
 import cv2
@@ -11,7 +10,7 @@ import pytest
 
 from classic import threshold
 from classic.overlay import draw_lane_between
-from lanes import canvas, images
+from lanes import canvas
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
@@ -23,7 +22,7 @@ from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from lanes.video.reader import ColourTags, read_video
 from lanes.video.writer import VideoWriter
-from tests.support.bad_files import holds, jpeg_claiming, png_claiming
+from tests.support.bad_files import jpeg_claiming
 from tests.support.painted_drive import SMALL, tracked_bends
 
 RED, GREEN = (220, 30, 20), (20, 200, 40)
@@ -75,14 +74,6 @@ def test_truncated_file_is_refused(tmp_path, suffix, share):
         read_image(path)
 
 
-def test_png_without_its_end_chunk_is_refused(tmp_path, picture):
-    """All rows are there, so that Pillow decodes it."""
-    path = write_image(tmp_path / "cut.png", picture)
-    path.write_bytes(path.read_bytes()[:-20])
-    with pytest.raises(PictureError, match=r"cut\.png.*cut off"):
-        read_image(path)
-
-
 @pytest.mark.parametrize("claimed_px", [64, 60000])
 def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture, claimed_px):
     """Neither the size in its header, which comes before the picture's, nor its end marker."""
@@ -111,22 +102,6 @@ def test_heic_files_are_refused_with_a_remedy(tmp_path, name):
     (tmp_path / name).write_bytes(HEIC)
     with pytest.raises(PictureError, match=f"{name}.*is a HEIC picture.*convert it to JPEG"):
         read_image(tmp_path / name)
-
-
-@pytest.mark.parametrize("kind", ["png", "jpg"])
-@pytest.mark.parametrize("size", [(65535, 65535), (20000, 20000), (1, 65535 * 4)])
-def test_claims_of_a_header_are_refused_at_once(tmp_path, picture, kind, size, monkeypatch):
-    if max(size) > 65535 and kind == "jpg":
-        pytest.skip("a JPEG cannot claim more")
-    monkeypatch.setattr(images, "MAX_PIXELS", 200_000)
-    path = write_image(tmp_path / f"bomb.{kind}", picture)
-    spoil = holds(png_claiming(*size)) if kind == "png" else jpeg_claiming(*size)
-    spoil(path, path.read_bytes())
-    monkeypatch.setattr(cv2, "imdecode", lambda *_: pytest.fail("would be decoded"))
-    began_s = time.perf_counter()
-    with pytest.raises(PictureError, match=rf"bomb\.{kind}: claims {size[0]}x{size[1]} pixels"):
-        read_image(path)
-    assert time.perf_counter() - began_s < 0.1
 
 
 @pytest.mark.parametrize("name", ["a.gif", "a.heic", "a"])

@@ -14,25 +14,14 @@ from lanes.video.writer import VideoWriter
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
-    for name in (
-        "d10.mp4",
-        "d2.MOV",
-        "b.jpg",
-        "c.WebP",
-        "d.tif",
-        "e.HEIC",
-        "notes.txt",
-        ".hidden.mp4",
-        "d.partial.7.mp4",
-        "more/x.mkv",
-        "[1].avi",
-    ):
+    videos, stills = ("d10.mp4", "d2.MOV", "[1].avi", "more/x.mkv"), ("b.jpg", "c.WebP", "d.tif", "e.HEIC")
+    for name in (*videos, *stills, "notes.txt", ".hidden.mp4", "d.partial.7.mp4"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
     monkeypatch.chdir(tmp_path)
     found = find_sources([".", "more/*", "d2.MOV", "[1].avi"])
     assert [path.name for path in found.videos] == ["[1].avi", "d2.MOV", "d10.mp4", "x.mkv"]
-    assert [path.name for path in found.stills] == ["b.jpg", "c.WebP", "d.tif", "e.HEIC"]
+    assert [path.name for path in found.stills] == [*stills]
     for missing, words in (("nowhere.mp4", "no such file or folder"), ("*.webm", "no such file"), ("", "no such file")):
         with pytest.raises(FileNotFoundError, match=words):
             find_sources([missing])
@@ -71,11 +60,6 @@ def test_images_are_spread_over_stills_and_video(drive):
     assert brightness(sample_images(files, 40)) == pytest.approx([200, 20, 45, 70, 95, 120, 145, 220], abs=2)
     # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows its third and fourth frame.
     assert brightness(sample_images(files, 4)) == pytest.approx([200, 70, 95, 220], abs=2)
-
-
-def test_images_of_a_part_of_a_video(drive):
-    part = {"start_s": 1.0, "end_s": 2.5}
-    assert brightness(sample_images([drive / "drive.mp4"], 40, **part)) == pytest.approx([70, 95, 120], abs=2)
 
 
 def test_images_that_are_not_wanted_are_refused_with_their_file(drive):

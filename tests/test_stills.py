@@ -9,56 +9,26 @@ import pytest
 
 from lanes import stills
 from lanes.camera import Camera, CameraPose
-from lanes.detect.lane import Lane
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still, detect_with_own_pose, find_lane
 from tests.support.painted_roads import ASPHALT, Road, dashcam, paint_motorway
 
 DASHCAM = dashcam()
-CLEAR = Road(DASHCAM).line(lambda x: 1.8 + 0 * x).line(lambda x: -1.8 + 0 * x).image()
+CLEAR = Road(DASHCAM).lines(1.8, -1.8).image()
 
 
 class TestKnownPose:
     """The band filter finds the lane; where it is not sure, the network searches, too."""
 
-    @pytest.mark.parametrize(
-        ("band", "network", "searches", "learned"),
-        [
-            (3.0, 5.0, [False], False),
-            (1.0, 2.5, [False, True], True),
-            (1.0, 1.5, [False, True], False),
-            (1.0, None, [False, True], False),
-            (None, -1.0, [False, True], True),
-            (None, None, [False, True], False),
-        ],
-    )
-    def test_the_more_probable_lane_is_taken(self, monkeypatch, band, network, searches, learned):
-        """`band` and `network` are the log odds of the lanes found; None finds none."""
-        done, clear = [], detect_still(CLEAR, DASHCAM)
-        known, search = clear.lane, clear.search
-
-        def search_lane(evidence, settings):
-            done.append(evidence.response.learned)
-            odds = network if evidence.response.learned else band
-            lane = None if odds is None else replace(known, score=odds)
-            return replace(search, lane=lane)
-
-        monkeypatch.setattr(stills, "search_lane", search_lane)
-        monkeypatch.setattr(stills, "log_odds", lambda lane: lane.score)
-        monkeypatch.setattr(Lane, "confidence", property(lambda lane: 1 / (1 + np.exp(-lane.score))))
-        found = detect_still(CLEAR, DASHCAM)
-        assert done == searches and found.evidence.response.learned == learned
-        assert (found.lane and found.lane.score) == (network if learned else band)
-
-    def test_find_lane_gives_the_lane_of_the_detection(self):
+    def test_a_clear_lane_is_found_without_the_network(self, monkeypatch):
+        monkeypatch.delattr(stills, "learned_evidence")
         found = detect_still(CLEAR, DASHCAM)
         assert not found.evidence.response.learned and found.camera is DASHCAM
         np.testing.assert_array_equal(find_lane(CLEAR, DASHCAM).model, found.lane.model)
         assert found.lane.same_lane_share is None
 
     def test_a_faint_lane_is_found_by_the_network(self):
-        faint = {"colour": tuple(np.add(ASPHALT, 8))}
-        road = Road(DASHCAM, noise=5.0).line(lambda x: 1.8 + 0 * x, **faint).line(lambda x: -1.8 + 0 * x, **faint)
+        road = Road(DASHCAM, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8)))
         found = detect_still(road.image(), DASHCAM)
         assert found.evidence.response.learned
         assert found.lane.confidence > 0.5
@@ -115,18 +85,3 @@ class TestOwnPose:
         found = own_pose(np.full((360, 640, 3), 90, np.uint8), 1.35, 0.25)
         assert found.lane is None and found.camera.pose == replace(POSE, height_m=1.35)
         assert found.evidence.view_image.any()
-
-    def test_each_pose_is_searched_once(self, monkeypatch):
-        """Bird's-eye view, its finer grid for the network, and search: once for each of the seven poses."""
-        searched, search = [], stills.search_lane
-        monkeypatch.setattr(stills, "search_lane", lambda *of: searched.append(of) or search(*of))
-        own_pose(paint_motorway(CAMERA))
-        assert len(searched) == 7
-
-    def test_a_pose_that_sees_no_road_is_refused(self):
-        with pytest.raises(CameraError, match="sees no road"):
-            detect_with_own_pose(CLEAR, dashcam(pitch_rad=-0.9), 0.05)
-
-    def test_the_poses_are_symmetric_and_begin_with_the_estimate(self):
-        assert stills.TRIED_STEPS[0] == (0.0, 0.0)
-        assert {(-height, -pitch) for height, pitch in stills.TRIED_STEPS} == set(stills.TRIED_STEPS)

@@ -25,7 +25,7 @@ from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_s
 from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
 from benchmark.scores import score
 from benchmark.systems import TRACKER
-from lanes.console import bounded_int, progress_line
+from lanes.console import bounded, progress_line
 from lanes.detect.fit import FIT
 from lanes.track.filter import FILTER
 from lanes.track.tracker import TrackerSettings
@@ -150,10 +150,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME,...",
         help="scenes of the suite, or videos with truth and camera (default: all scenes)",
     )
-    parser.add_argument("--seed", type=bounded_int(0), default=7, metavar="N", help="variant (default: %(default)s)")
+    parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
     parser.add_argument("--only", choices=[m.name for m in MECHANISMS], metavar="NAME", help="a single mechanism")
     parser.add_argument(
-        "--workers", type=bounded_int(1), default=1, metavar="N", help="processes (default: %(default)s)"
+        "--workers", type=bounded(int, 1), default=1, metavar="N", help="processes (default: %(default)s)"
     )
 
 

@@ -22,7 +22,7 @@ from torch import nn
 from torch.nn import functional as nnf
 
 from lanes.camera import Camera, CameraPose
-from lanes.console import bounded_int, progress_line
+from lanes.console import bounded, progress_line
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import NETWORK, NETWORK_FILE, finer_view, network_inputs
 from simulator.processes import available_workers, run_all
@@ -180,8 +180,8 @@ def main() -> None:
     """Take samples, train, write the network."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=Path, default=Path("marking_samples.npz"), metavar="FILE")
-    parser.add_argument("--pictures", type=bounded_int(1), default=3600, metavar="N")
-    parser.add_argument("--epochs", type=bounded_int(1), default=EPOCHS, metavar="N")
+    parser.add_argument("--pictures", type=bounded(int, 1), default=3600, metavar="N")
+    parser.add_argument("--epochs", type=bounded(int, 1), default=EPOCHS, metavar="N")
     parser.add_argument("-o", "--output", type=Path, default=NETWORK_FILE, metavar="FILE")
     options = parser.parse_args()
     inputs, labels = load_samples(options.samples, options.pictures)

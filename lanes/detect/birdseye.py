@@ -19,7 +19,6 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.errors import CameraError
-from lanes.images import require_size
 
 # Enough for pictures of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
@@ -138,7 +137,7 @@ class BirdsEyeView:
         CameraError
             If no cell is in the picture.
         """
-        reduced, reduction = require_size(image, self.camera.size)[self.first_row_px :], 1
+        reduced, reduction = self.camera.require_size(image)[self.first_row_px :], 1
         cells = np.empty((*self.shape, 3), np.uint8)
         for target, rows, position, fraction in self._lookup_tables:
             if target != reduction:

@@ -94,6 +94,8 @@ class TimedFrame:
     image: np.ndarray
     # Seconds since the previous frame that was read, None for the first; they vary in videos of variable rate.
     elapsed_s: float | None = None
+    # Time that a tracker took for it.
+    latency_ms: float = 0.0
 
 
 def inspect_video(path: str | Path) -> VideoInfo:
@@ -166,7 +168,9 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
             if last is not None:
                 number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
             elapsed_s = None if last is None else float(time_s) - last.time_s
-            last = TimedFrame(number, float(time_s), _upright_rgb(frame, converter), elapsed_s)
+            image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
+            upright = np.ascontiguousarray(np.rot90(image, _quarter_turns(frame)))
+            last = TimedFrame(number, float(time_s), upright, elapsed_s)
             yield last
     if last is None:
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
@@ -272,13 +276,6 @@ def _timed(
             time_s = after_s
         last_s = time_s if last_s is None else max(time_s, last_s)
         yield frame, last_s
-
-
-def _upright_rgb(frame: av.VideoFrame, converter: VideoReformatter) -> np.ndarray:
-    """RGB image of a decoded frame, rotated as its display matrix says."""
-    image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
-    turns = _quarter_turns(frame)
-    return np.ascontiguousarray(np.rot90(image, turns)) if turns else image
 
 
 def _quarter_turns(frame: av.VideoFrame) -> int:

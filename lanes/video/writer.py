@@ -15,7 +15,7 @@ import numpy as np
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
-from lanes.files import partial_file
+from lanes.files import atomic_write
 from lanes.images import require_rgb
 from lanes.video.reader import (
     CLOCK_RESET_S,
@@ -98,7 +98,7 @@ class VideoWriter:
 
     def __enter__(self) -> VideoWriter:
         # Created at once, so that an unwritable folder is reported before minutes of work.
-        self._partial = self._resources.enter_context(partial_file(self.path))
+        self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
     def __exit__(
@@ -214,7 +214,12 @@ class SoundTrack:
         self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
         self._pieces: Iterator[tuple[float, av.Packet | av.AudioFrame]] = iter(())
         if self._input is not None:
-            self._output = self._open_output(self._input)
+            known = self._input.rate in (av.Codec("aac", "w").audio_rates or ())
+            self._output = (
+                target.add_stream_from_template(self._input)
+                if self._copied
+                else target.add_stream("aac", rate=self._input.rate if known else _SOUND_RATE_HZ)
+            )
             self._pieces = self._from_start(self._input)
         self._next = next(self._pieces, None)
 
@@ -229,12 +234,6 @@ class SoundTrack:
         self.write_until(time_s)
         if self._input is not None and not self._copied:
             self._write(None)
-
-    def _open_output(self, sound: av.AudioStream) -> av.AudioStream:
-        if self._copied:
-            return self._target.add_stream_from_template(sound)
-        known = sound.rate in (av.Codec("aac", "w").audio_rates or ())
-        return self._target.add_stream("aac", rate=sound.rate if known else _SOUND_RATE_HZ)
 
     def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
         """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""

@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 
 from lanes.camera import save_camera
-from lanes.files import atomic_write
+from lanes.files import atomic_write, translate_write_errors
 from lanes.video.reader import inspect_video
 from simulator.landscape.backdrop import panorama
 from simulator.landscape.foliage import plant_picture
@@ -57,7 +57,7 @@ def write_video(
     """
     path = Path(path)
     count = round(seconds * VIDEO_FPS)
-    with atomic_write(path) as unfinished:
+    with atomic_write(path) as unfinished, translate_write_errors(path):
         rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
         # The encoder is a separate process, which can be killed or run out of disk space silently.
         if inspect_video(unfinished).frames != count:

@@ -9,7 +9,7 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FIT, FitSettings, fit_lanes, fit_starts, limit_bends
+from lanes.detect.fit import FIT, fit_lanes, fit_starts, limit_bends
 from lanes.detect.paint import Stripes
 from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import (
@@ -25,10 +25,9 @@ from lanes.detect.road import (
     RoadPrior,
     bend_gradients,
     line_y,
-    lines_on_view,
     road_height,
 )
-from lanes.detect.votes import VOTES, count_votes, vote_lanes
+from lanes.detect.votes import vote_lanes
 from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
 
 HEIGHT_M = 1.3
@@ -70,27 +69,6 @@ ROADS = {
     "clothoid": a_lane(centre=0.1, width=3.7, curvature=1 / 900, rate=5e-5),
     "hairpin": a_lane(centre=0.2, width=3.2, heading=0.05, curvature=-1 / 18),
 }
-
-
-def test_a_line_piles_up_in_the_bin_of_its_distance():
-    # a straight line 1.9 m to the left, seen by the hypothesis of a straight road
-    stripes = stripes_on(a_lane(width=3.8), (LEFT_SIDE,), noise_m=0.0)
-    votes = count_votes(stripes, HEIGHT_M)
-    straight = votes[np.flatnonzero((VOTES.hypotheses == 0).all(axis=1))[0]]
-    assert VOTES.bin_centres_m[straight.argmax()] == pytest.approx(1.9, abs=VOTES.bin_m / 2)
-    assert straight.max() > 0.95 * straight.sum() > 0.5 * (stripes.x_m < VOTES.far_m).sum()
-
-
-@pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
-def test_one_of_the_best_pairs_is_near_the_lane(road):
-    lanes = vote_lanes(stripes_on(road, outliers=200), VIEW, PRIOR)[1]
-    x = np.array([6.0, 9.0, 12.0])
-    errors = [
-        max(np.abs(line_y(x, lane, side) - line_y(x, road, side)).max() for side in (LEFT_SIDE, RIGHT_SIDE))
-        for lane in lanes
-    ]
-    assert 0 < len(lanes) <= VOTES.lanes
-    assert min(errors) < 0.5
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -137,18 +115,6 @@ def test_lane_is_found_among_clutter(road):
         np.testing.assert_allclose(line_y(x, lane, side), line_y(x, road, side), atol=0.06)
 
 
-@pytest.mark.parametrize("side", [LEFT_SIDE, RIGHT_SIDE])
-def test_one_line_suffices_and_the_other_is_uncertain(side):
-    road = a_lane(centre=0.1, heading=0.01, curvature=1 / 500)
-    lane, covariance = search(stripes_on(road, (side,), outliers=60))
-    x = np.array([6.0, 15.0, 30.0])
-    # One line does not determine the pitch, so the lines on the view are compared.
-    shown, true = lines_on_view(np.array([lane, road]), x, HEIGHT_M)[:, 0 if side == LEFT_SIDE else 1]
-    np.testing.assert_allclose(shown, true, atol=0.02)
-    near, far = (a_lane(centre=1.0, width=s / 2) for s in (side, -side))
-    assert np.sqrt(near @ covariance @ near) < 0.15 < 0.2 < np.sqrt(far @ covariance @ far)
-
-
 @pytest.mark.parametrize("curvature", [0.0, 1 / 90])
 def test_derivatives_agree_with_differences(curvature):
     """For every parameter, beside all four lines, and far from them."""
@@ -184,23 +150,6 @@ def test_uncertainty_covers_the_error(prior):
         claims.append(np.sqrt(np.diag(fit.covariance[0])))
     spread = np.sqrt(np.mean(np.square(errors), axis=0)) / np.mean(claims, axis=0)
     assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
-
-
-@pytest.mark.parametrize(
-    ("settings", "changed"),
-    [
-        (FitSettings(prior=RoadPrior(width_m=(2.8, 0.02, 6.0))), "lanes"),
-        (FitSettings(extend=((12.0, 1.0),)), "lanes"),
-        (FitSettings(support_far_m=15.0), "visible_rows"),
-        (FitSettings(min_weight=0.99), "members"),
-        (FitSettings(min_support=2.0), "seen"),
-    ],
-    ids=["prior", "schedule", "support", "members", "seen"],
-)
-def test_the_settings_count(settings, changed):
-    road = ROADS["left bend"]
-    usual, other = (fit_lanes(road[None], stripes_on(road, noise_m=0.03), VIEW, used) for used in (FIT, settings))
-    assert not np.array_equal(getattr(usual, changed), getattr(other, changed))
 
 
 # Waves 52 m long and 1 m high, from trough to crest.
@@ -252,15 +201,6 @@ def test_lane_of_an_undulating_road_from_one_picture(phase):
     fit = fit_lanes(start, stripes, VIEW, schedule=FIT.outwards, extra_vertical_per_m=FIT.undulation_std_per_m)
     assert error_m(fit.lanes[0], LINES) < 0.05
     assert np.abs(road_height(fit.lanes[0], AT_M) - wave_m(AT_M, phase)).max() < 0.2
-
-
-def test_a_fit_without_undulations_fails_on_undulating_roads():
-    """Of the eight phases the fit that expects no waves loses the lane at most."""
-    errors = []
-    for phase in PHASES:
-        stripes = seen(LINES, lambda x, phase=phase: wave_m(x, phase))
-        errors.append(error_m(fit_lanes(a_lane(centre=0.1)[None], stripes, VIEW).lanes[0], LINES))
-    assert np.median(errors) > 0.3
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -18,9 +18,7 @@ LEFT_M, RIGHT_M = 1.8, -1.7
 
 def lane(road: Road, **look: object) -> np.ndarray:
     """Picture of a road with both lines."""
-    for lateral_m in (LEFT_M, RIGHT_M):
-        road.line(lambda x, y=lateral_m: y + 0 * x, **look)
-    return road.image()
+    return road.lines(LEFT_M, RIGHT_M, **look).image()
 
 
 def evidence_of(image: np.ndarray, view: BirdsEyeView = VIEW) -> FrameEvidence:
@@ -71,6 +69,13 @@ def test_a_faint_streak_on_a_smooth_road_is_no_paint():
     assert found_rows(stripes_of(streak)) < 0.3 < 0.9 < found_rows(stripes_of(paint))
 
 
+def test_the_last_input_is_the_width_of_a_pixel_and_nothing_is_found_outside_the_picture():
+    fine, focal_px = finer_view(VIEW), 2 * VIEW.focal_px
+    widths = network_inputs(np.zeros((*fine.shape, 3), np.uint8), fine, focal_px)[3]
+    np.testing.assert_allclose(widths[:, 0], np.log2(1 + fine.x_m / focal_px / VIEW.cell_m), rtol=1e-5)
+    assert not evidence_of(lane(Road(CAMERA))).response.strength[~VIEW.seen].any()
+
+
 @pytest.mark.parametrize("gain", [0.5, 1.15])
 def test_the_exposure_hardly_matters(gain):
     image = lane(Road(CAMERA))
@@ -79,34 +84,16 @@ def test_the_exposure_hardly_matters(gain):
 
 
 def test_a_dark_seam_is_no_paint():
-    seam = Road(CAMERA).line(lambda x: 0.3 + 0 * x, colour=(45, 45, 45), width_m=0.1)
+    seam = Road(CAMERA).lines(0.3, colour=(45, 45, 45), width_m=0.1)
     assert stripes_of(seam.image()).weight.sum() < 0.5
 
 
 def test_the_edge_of_a_shadow_is_no_paint():
     """It has less than a twentieth of the weight of a line at the same place."""
-    line = Road(CAMERA).line(lambda x: LEFT_M + 0 * x)
+    line = Road(CAMERA).lines(LEFT_M)
     shadow = Road(CAMERA).shade(lambda x, y: (y > LEFT_M) & (y < 6), 0.35)
     edge_weight, line_weight = (stripes_of(road.image()).weight.sum() for road in (shadow, line))
     assert edge_weight < 0.05 * line_weight
-
-
-def test_the_last_input_is_the_width_of_a_pixel():
-    """log2(1 + n) where a pixel is n cells wide; half as wide in a picture that is twice as large."""
-    fine = finer_view(VIEW)
-    image = np.zeros((*fine.shape, 3), np.uint8)
-    row = 3 * 20 + 1
-    for scale in (1, 2):
-        cells = fine.x_m[row] / (scale * VIEW.focal_px) / VIEW.cell_m
-        inputs = network_inputs(image, fine, scale * VIEW.focal_px)
-        assert inputs.shape == (4, *fine.shape) and inputs.dtype == np.float32 and not inputs[:3].any()
-        np.testing.assert_allclose(inputs[3, row], np.log2(1 + cells), rtol=1e-5)
-
-
-def test_nothing_is_found_outside_the_picture():
-    strength = evidence_of(lane(Road(CAMERA))).response.strength
-    assert strength.shape == VIEW.shape
-    assert not strength[~VIEW.seen].any()
 
 
 def test_botts_dots_are_seen_as_dashes():

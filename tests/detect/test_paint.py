@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import PAINT, PaintSettings, extract_evidence, find_stripes, marking_response
+from lanes.detect.paint import PAINT, find_stripes, marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -42,10 +42,8 @@ def test_direction_is_measured():
 
 def test_both_stripes_of_a_double_line_are_seen():
     """The gap is painted black, as on motorways of concrete, and as wide as a stripe: 0.12 m."""
-    road = Road(CAMERA).line(lambda x: 0 * x + 1.8, width_m=0.12, colour=(30, 30, 30))
-    for across in (-0.12, 0.12):
-        road.line(lambda x, a=across: 0 * x + 1.8 + a, width_m=0.12, colour=WHITE)
-    stripes = stripes_of(road)
+    road = Road(CAMERA).lines(1.8, width_m=0.12, colour=(30, 30, 30))
+    stripes = stripes_of(road.lines(1.68, 1.92, width_m=0.12, colour=WHITE))
     for across in (-0.12, 0.12):
         seen = near(stripes, lambda x, a=across: 0 * x + 1.8 + a, within_m=0.04, far_m=12)
         assert np.median(seen.weight) > 0.27
@@ -56,7 +54,7 @@ def test_both_stripes_of_a_double_line_are_seen():
 @pytest.mark.parametrize("noise", [1.0, 3.0])
 def test_paint_counts_in_shade_and_at_night_as_in_sun(light, noise):
     # no brightness threshold: what counts is contrast over noise
-    road = Road(CAMERA, noise=noise).line(lambda x: 0 * x + 1.7).shade(lambda x, y: x > 0, light)
+    road = Road(CAMERA, noise=noise).lines(1.7).shade(lambda x, y: x > 0, light)
     stripes = near(stripes_of(road), lambda x: 0 * x + 1.7)
     assert np.median(stripes.weight) > STRONG
 
@@ -129,25 +127,8 @@ def test_direction_of_a_line_that_runs_across(degrees):
     assert np.median(np.abs(stripes.angle - np.radians(degrees))) < 0.15
 
 
-def test_the_settings_count():
-    image = VIEW.warp(Road(CAMERA).line(lambda x: 0 * x - 1.7).line(lambda x: 0 * x + 1.7).image())
-    changes = (
-        dict(half_weight_strength=13.2),
-        dict(stripes_per_row=1),
-        dict(min_strength=90.0),
-        dict(position_std_m=0.1),
-    )
-    usual, doubtful, few, deaf, shaky = (
-        extract_evidence(image, VIEW, PaintSettings(**change)).stripes for change in ({}, *changes)
-    )
-    assert len(deaf) == 0
-    assert np.bincount(few.row).max() == 1 < np.bincount(usual.row).max()
-    np.testing.assert_allclose(1 / doubtful.weight - 1, 4 * (1 / usual.weight - 1), rtol=1e-3)
-    np.testing.assert_allclose(shaky.std_m**2 - usual.std_m**2, 0.1**2 - PAINT.position_std_m**2)
-
-
 def test_a_distant_stripe_is_less_certain():
     """Four centimetres nearby, one pixel far away, which is 0.1 m at 56 m for a focal length of 575 px."""
-    stripes = stripes_of(Road(CAMERA).line(lambda x: 0 * x + 1.7))
+    stripes = stripes_of(Road(CAMERA).lines(1.7))
     std_m = np.interp([6.0, 56.0], stripes.x_m[::-1], stripes.std_m[::-1])
     assert std_m == pytest.approx([0.041, 0.105], abs=0.003)

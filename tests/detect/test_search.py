@@ -47,20 +47,6 @@ def test_shaded_bend_off_centre():
     assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
 
 
-def test_pixels_lie_on_the_paint():
-    road, left, right = shaded_bend()
-    lane = find_lane(road.image(), CAMERA)
-    rows = np.arange(200, 340, 10)
-    columns = lane.columns(CAMERA, rows)
-    for k, truth in enumerate((left, right)):
-        known = CAMERA.road_to_pixels(np.column_stack([np.geomspace(4, 90, 400), truth(np.geomspace(4, 90, 400))]))
-        expected = np.interp(rows, known[::-1, 1], known[::-1, 0])
-        seen = columns[k] >= 0
-        assert seen.sum() >= 12
-        np.testing.assert_allclose(columns[k][seen], expected[seen], atol=2.0)
-    assert (lane.columns(CAMERA, np.array([10, 100])) == -2).all()
-
-
 @pytest.mark.parametrize("radius", [-18.0, 22.0, -40.0])
 def test_hairpin(radius):
     camera = dashcam(yaw_rad=0.0)
@@ -104,34 +90,17 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     # the own lane is dashed on both sides; the neighbouring lanes have a solid line each, which is much more paint
     road = Road(CAMERA)
     for number, dash in ((1.5, None), (0.5, (3, 12)), (-0.5, (3, 12)), (-1.5, None)):
-        road.line(lambda x, n=number: 0 * x + 3.6 * n - offset, dash_m=dash)
+        road.lines(3.6 * number - offset, dash_m=dash)
     lane = find_lane(road.image(), CAMERA)
     assert lane.left.offset_m > 0 > lane.right.offset_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
     np.testing.assert_allclose(lane.left.y(np.array([13.0, 25.0])), 1.8 - offset, atol=0.06)
 
 
-def test_faint_dots_are_seen_by_the_network():
-    road = Road(CAMERA).line(lambda x: 0 * x - 1.5 * 3.7 - 0.2)
-    for side in (1, -1):
-        faint = tuple(road.picture[-1, 0] + 50)
-        road.line(
-            lambda x, s=side: s * 1.85 - 0.2 + 0 * x, colour=faint, width_m=0.1, dash_m=(0.1, 3), phase_m=side / 2
-        )
-    band = search_lane(extract_evidence(VIEW.warp(road.image()), VIEW)).lane
-    assert not band.left.seen and band.confidence < 0.5
-    lane = find_lane(road.image(), CAMERA)
-    assert lane.left.seen and lane.right.seen and lane.confidence > 0.9
-    assert lane.offset_m == pytest.approx(0.2, abs=0.1) and lane.width_m == pytest.approx(3.7, abs=0.1)
-
-
 @pytest.mark.parametrize("between_m", [(), (0.0,), (-0.9, 0.0, 0.9)])
 def test_lines_between_those_of_the_lane_count(between_m):
     """Tiles have lines along the whole lane. A double line is one line of the lane."""
-    road = Road(CAMERA)
-    for lateral_m in (1.95, 1.7, -1.75, *between_m):
-        road.line(lambda x, y=lateral_m: y + 0 * x)
-    lane = find_lane(road.image(), CAMERA)
+    lane = find_lane(Road(CAMERA).lines(1.95, 1.7, -1.75, *between_m).image(), CAMERA)
     assert lane.width_m == pytest.approx(3.5, abs=0.1)
     assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
@@ -165,8 +134,3 @@ def test_the_settings_of_each_step_count(settings):
     for usual, other in zip(*found, strict=True):
         assert usual is not None
         assert other is None or not np.array_equal(other.model, usual.model)
-
-
-def test_the_same_picture_gives_the_same_lane():
-    image = shaded_bend()[0].image()
-    np.testing.assert_array_equal(find_lane(image, CAMERA).model, find_lane(image, CAMERA).model)

@@ -19,10 +19,7 @@ WHITE, DARK = (225, 225, 222), (40, 40, 42)
 
 
 def lane_road(noise: float = 4.0) -> Road:
-    road = Road(CAMERA, noise=noise)
-    for lateral_m in (1.8, -1.8):
-        road.line(lambda x, y=lateral_m: y + 0 * x)
-    return road
+    return Road(CAMERA, noise=noise).lines(1.8, -1.8)
 
 
 def across(*at_m: float, depth_m: float = 0.4, colour=WHITE, from_m: float = -9.0, to_m: float = 9.0) -> Road:
@@ -60,15 +57,6 @@ def test_they_are_counted_in_a_bend_and_in_noise():
 def test_other_things_in_the_lane_are_none(road):
     lane = find_lane(road.image(), CAMERA)
     assert lane is not None and lane.transverse_stripes == 0
-
-
-def test_lines_that_leave_the_view_have_none_between_them():
-    image = VIEW.warp(across(7.0, 12.0).image())
-    nowhere = np.full((2, len(VIEW.x_m)), np.nan)
-    aside = np.array([[40.0], [36.0]]) + np.zeros(len(VIEW.x_m))
-    touching = np.array([[0.1], [-0.1]]) + np.zeros(len(VIEW.x_m))
-    for lines_y_m in (nowhere, aside, touching):
-        assert count_transverse_stripes(image, VIEW, lines_y_m) == 0
 
 
 @pytest.mark.parametrize("far_m", [29.0, 33.0])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 
 from benchmark.labels.tusimple import read_labels, read_predictions
 from benchmark.reporting.tables import read_scores
-from lanes.camera import camera_to_dict, load_camera
+from lanes.camera import CalibrationReport, camera_to_dict, load_camera
 from lanes.errors import CameraError
 from lanes.files import read_telemetry
 from tests.support.examples import examples
@@ -79,15 +80,7 @@ def assert_read_or_refused(read, path: Path, data: bytes, error: type[Exception]
         return None
 
 
-CAMERA_FILE = camera_to_dict(CAMERA) | {
-    "calibration": {
-        "rms_px": 0.2,
-        "boards_used": 1,
-        "board_rms_px": {"a.jpg": 0.2},
-        "rejected": {},
-        "date": "2026-01-01",
-    }
-}
+CAMERA_FILE = camera_to_dict(replace(CAMERA, report=CalibrationReport(0.2, {"a.jpg": 0.2}, {}, "2026-01-01")))
 
 
 @examples(60)

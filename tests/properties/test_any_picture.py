@@ -16,7 +16,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT
 from lanes.detect.lane import FOUND, Lane, LineEvidence, telemetry_row
 from lanes.detect.residuals import ROAD_M
-from lanes.detect.road import SIDES, WIDTH, line_points, line_y
+from lanes.detect.road import WIDTH
 from lanes.detections import as_detection
 from lanes.errors import CameraError
 from lanes.stills import detect_still, detect_with_own_pose, find_lane
@@ -25,8 +25,6 @@ from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 
 X_M = np.array([5.0, 15.0, 30.0])
-# Arc lengths at which a line is sampled, from the car on.
-ALONG_M = np.linspace(0.0, 100.0, 5001)
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
 tracker_of = cache(lambda size: LaneTracker(camera_of(size), fps=FPS))
@@ -113,27 +111,3 @@ def test_every_lane_within_the_limits_has_lines(data):
     model[WIDTH] = abs(model[WIDTH])
     seen = LineEvidence(0.3, True, 30.0)
     assert_sound(Lane(model, model, covariance, (seen, seen), score=1.0, state=FOUND), (640, 360))
-    for side in SIDES:
-        assert_on_the_line(line_y(X_M, model, side), line_points(model, side, ALONG_M))
-
-
-def assert_on_the_line(y_m: np.ndarray, points: np.ndarray) -> None:
-    """Lateral positions at X_M lie on the line through the points (N, 2); NaN only where it is steeper than 45 deg."""
-    x, y = points.T
-    steps = np.diff(points, axis=0)
-    for x_m, found_m in zip(X_M, y_m, strict=True):
-        crossed = np.flatnonzero((x[:-1] <= x_m) != (x[1:] <= x_m))
-        if np.isnan(found_m):
-            before = steps[: crossed[0] + 1] if len(crossed) else steps
-            assert (before[:, 0] < np.abs(before[:, 1])).any()
-        else:
-            share = (x_m - x[crossed]) / steps[crossed, 0]
-            assert np.abs(y[crossed] + share * steps[crossed, 1] - found_m).min() < 0.01 + 1e-3 * abs(found_m)
-
-
-@pytest.mark.parametrize("wrong", [np.nan, np.inf, 1e6, 2.0])
-def test_a_wrong_lateral_position_is_noticed(wrong):
-    points = np.column_stack([ALONG_M, 0.1 * ALONG_M])
-    assert_on_the_line(0.1 * X_M, points)
-    with pytest.raises(AssertionError):
-        assert_on_the_line(np.array([0.5, 1.5, wrong]), points)

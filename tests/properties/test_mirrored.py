@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 
@@ -60,19 +59,14 @@ def assert_mirrored(lane: Lane | None, other: Lane | None) -> None:
     assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
 
 
-def rendered_stills() -> Iterator[tuple[str, Camera, np.ndarray]]:
-    """Three frames of each committed drive: motorway, concrete, hairpins."""
-    for name, drive in list_drives().items():
-        if drive.video:
-            camera = load_camera(drive.video.with_suffix(".yaml"))
-            for n, second in enumerate((0.0, 1.5, 3.0)):
-                yield f"{name} {n}", camera, next(read_video(drive.video, start_s=second))
-
-
-def test_rendered_stills():
-    for _, camera, image in rendered_stills():
-        lane = find_lane(image, camera)
-        assert_mirrored(lane, find_lane(flip(image), mirrored(camera)))
+@pytest.mark.parametrize("name", [name for name, drive in list_drives().items() if drive.video])
+def test_frames_of_the_committed_drives(name):
+    """Motorway, concrete, hairpins: three frames of each."""
+    video = list_drives()[name].video
+    camera = load_camera(video.with_suffix(".yaml"))
+    for start_s in (0.0, 1.5, 3.0):
+        image = next(read_video(video, start_s=start_s))
+        assert_mirrored(find_lane(image, camera), find_lane(flip(image), mirrored(camera)))
 
 
 def test_a_painted_drive_is_tracked_alike():

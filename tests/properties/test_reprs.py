@@ -40,11 +40,6 @@ def test_a_lane_gives_confidence_offset_bend_and_lines(image):
     assert re.fullmatch(r"1\.4\d ± 0\.\d\d m right, white solid, paint .*", rows["right line"])
 
 
-def test_an_invisible_line_is_marked_as_inferred():
-    lane = find_lane(Road(CAMERA).line(lambda x: 1.8 + 0 * x).image(), CAMERA)
-    assert lane.summary()["right line"].endswith("inferred from other lines")
-
-
 def test_a_tracker_gives_its_state_and_speed(image):
     tracker = LaneTracker(CAMERA, fps=20, speed_mps=25.0)
     assert re.fullmatch(r"LaneTracker\(1280x720 px, 20 \w+ a second, lost\)", repr(tracker))

@@ -27,37 +27,19 @@ def camera_of(size: tuple[int, int]) -> Camera:
         return Camera.from_fov(size, CAMERA.hfov_deg, CAMERA.pose)
 
 
-def _stripes(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return (u + phase) // period % 2
-
-
-def _horizontal_stripes(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return (v + phase) // period % 2
-
-
-def _squares(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return (u // period + (v + phase) // period) % 2
-
-
-def _wedges(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    """Stripes that meet at a point near the horizon, as lane lines do."""
-    angle = np.arctan2(u - u.shape[1] / 2 + phase, v - 0.49 * u.shape[0] + 0.1)
-    return (np.sin(angle * 200 / period) > 0.7).astype(float)
-
-
-def _slope_across(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return u / u.shape[1]
-
-
-def _slope_down(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return v / u.shape[0]
-
-
-def _flat(u: np.ndarray, v: np.ndarray, period: int, phase: int) -> np.ndarray:
-    return np.zeros(u.shape)
-
-
-PATTERNS = (_stripes, _horizontal_stripes, _squares, _wedges, _slope_across, _slope_down, _flat)
+# Share of the first colour, of columns u, rows v, a period and a phase in pixels.
+PATTERNS = (
+    lambda u, v, period, phase: (u + phase) // period % 2,
+    lambda u, v, period, phase: (v + phase) // period % 2,
+    lambda u, v, period, phase: (u // period + (v + phase) // period) % 2,
+    # stripes that meet at a point near the horizon, as lane lines do
+    lambda u, v, period, phase: (
+        np.sin(np.arctan2(u - u.shape[1] / 2 + phase, v - 0.49 * u.shape[0] + 0.1) * 200 / period) > 0.7
+    ),
+    lambda u, v, period, phase: u / u.shape[1],
+    lambda u, v, period, phase: v / u.shape[0],
+    lambda u, v, period, phase: np.zeros(u.shape),
+)
 GREY_LEVELS = st.integers(0, 255)
 COLOURS = st.sampled_from([(0, 0, 0), (255, 255, 255), (255, 255, 0), (0, 0, 255)]) | st.tuples(*[GREY_LEVELS] * 3)
 

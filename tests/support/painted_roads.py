@@ -148,6 +148,12 @@ class Road:
         near = [np.abs(y - y_of_x(x)) < width_m / 2 + np.abs(across) for x, y, across in self._samples]
         return self._blend(self.cover(inside, np.any(near, axis=0)), colour)
 
+    def lines(self, *lateral_m: float, **look: object) -> Road:
+        """Paint lines along the road at these lateral positions; `look` as for `line`."""
+        for y_m in lateral_m:
+            self.line(lambda x, y_m=y_m: np.full_like(x, y_m), **look)
+        return self
+
     def shade(self, inside: Inside, share: float) -> Road:
         """Darken the part of the road where `inside(x, y)` is true to `share` of its light."""
         return self._blend((1 - share) * self.cover(inside), (0, 0, 0))
@@ -242,8 +248,7 @@ def paint_motorway(
     road.paint(lambda x, y: (x > 4) & (x < 60) & (y > -0.9) & (y < 0.4), (70, 70, 72))
     for number in lines:
         dash_m, colour = None if number in solid else (3.0, 12.0), YELLOW if number == 0 else WHITE
-        lateral_m = 3.66 * (0.5 - number)
-        road.line(lambda x, y=lateral_m: y + 0 * x, colour=colour, dash_m=dash_m, phase_m=1.0 + phase_m)
+        road.lines(3.66 * (0.5 - number), colour=colour, dash_m=dash_m, phase_m=1.0 + phase_m)
     _paint_car(road)
     return road.image()
 

@@ -35,13 +35,3 @@ def draw_striped_bonnet(image: np.ndarray) -> np.ndarray:
     drawn[bonnet] = (150, 20, 20)
     drawn[bonnet & stripes] = WHITE
     return drawn
-
-
-def draw_caption(image: np.ndarray, second: int) -> np.ndarray:
-    """Date, speed and position at the lower border; the seconds change."""
-    height, width = image.shape[:2]
-    drawn, scale = image.copy(), width / 1280
-    text = f"2024-07-19 14:07:{second % 60:02d}  087 KM/H  N48.1371 E11.5754"
-    place, font = (int(30 * scale), height - int(22 * scale)), cv2.FONT_HERSHEY_SIMPLEX
-    cv2.putText(drawn, text, place, font, 1.1 * scale, WHITE, int(3 * scale) + 1, cv2.LINE_AA)
-    return drawn

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from lanes.detect.road import CENTRE
 from lanes.track.departure import watch_departure
 from lanes.track.filter import CarMotion
 from tests.support.shapes import a_lane
@@ -19,43 +20,31 @@ def car(speed_mps: float, **motion: float) -> CarMotion:
     return CarMotion(speed_mps, **{**certain, **motion})
 
 
-def test_keeping_to_the_lane():
-    warning = watch_departure(lane_at(0.0), car(20.0))
-    assert (warning.side, warning.due, warning.describe()) == (None, False, None)
-    assert warning.time_to_crossing_s == float("inf")
-    assert (warning.left_m, warning.right_m) == pytest.approx((0.9, 0.9))
+BEND = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
+# Lane, motion, the line that is crossed, after how many seconds, and the warning if it is due.
+CROSSINGS = {
+    "in the middle": (lane_at(0.0), car(20.0), None, np.inf, None),
+    # 20 m/s at 0.03 rad is 0.6 m/s sideways; 0.9 m to go
+    "drifting left": (lane_at(0.0, -0.03), car(20.0), "left", 1.5, None),
+    "drifting right": (lane_at(0.0, 0.03), car(20.0), "right", 1.5, None),
+    "nearer": (lane_at(-0.5, -0.03), car(20.0), "left", 0.667, "lane departure: 0.7 s to the left line"),
+    "nearer on the right": (lane_at(0.5, 0.03), car(20.0), "right", 0.667, "lane departure: 0.7 s to the right line"),
+    "on the line": (lane_at(-1.0), car(20.0), "left", 0.0, "lane departure: crossing the left line"),
+    "by its course": (lane_at(0.0, 0.02), car(20.0, course_rad=0.02), None, np.inf, None),
+    "standing": (lane_at(0.0, 0.03), car(0.0), None, np.inf, None),
+    # R 400 m leads out on the right at v^2 / R = 1 m/s^2: 0.2 t + t^2 / 2 = 0.9
+    "straight on in a left bend": (BEND, car(20.0), "right", 1.156, None),
+    "along the bend": (BEND, car(20.0, path_per_m=1 / 400), "right", 4.5, None),
+}
 
 
-@pytest.mark.parametrize(("heading_rad", "side"), [(-0.03, "left"), (0.03, "right")])
-def test_drifting_on_a_straight_road(heading_rad, side):
-    """20 m/s at 0.03 rad is 0.6 m/s sideways; 0.9 m to go."""
-    warning = watch_departure(lane_at(0.0, heading_rad), car(20.0))
-    assert warning.side == side
-    assert warning.time_to_crossing_s == pytest.approx(1.5, rel=0.01)
-    assert not warning.due
-    closer = watch_departure(lane_at(-0.5 if side == "left" else 0.5, heading_rad), car(20.0))
-    assert closer.due
-    assert closer.describe() == f"lane departure: 0.7 s to the {side} line"
-
-
-def test_on_the_line():
-    warning = watch_departure(lane_at(-1.0), car(20.0))
-    assert (warning.side, warning.time_to_crossing_s, warning.due) == ("left", 0.0, True)
-    assert "crossing the left line" in warning.describe()
-
-
-def test_going_straight_in_a_bend_leaves_the_lane():
-    """Going straight on in a left bend of R 400 m leads out on the right, at v^2 / R = 1 m/s^2."""
-    bend = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
-    warning = watch_departure(bend, car(20.0))
-    assert warning.side == "right"
-    assert 0.2 * warning.time_to_crossing_s + warning.time_to_crossing_s**2 / 2 == pytest.approx(0.9, rel=0.02)
-    assert watch_departure(bend, car(20.0, path_per_m=1 / 400)).time_to_crossing_s == pytest.approx(4.5, rel=0.02)
-
-
-def test_course_and_speed_count():
-    assert watch_departure(lane_at(0.0, 0.02), car(20.0, course_rad=0.02)).side is None
-    assert watch_departure(lane_at(0.0, 0.03), car(0.0)).side is None
+@pytest.mark.parametrize("name", CROSSINGS)
+def test_time_to_crossing(name):
+    lane, motion, side, time_s, words = CROSSINGS[name]
+    warning = watch_departure(lane, motion)
+    assert warning.side == side and warning.time_to_crossing_s == pytest.approx(time_s, rel=0.02)
+    assert warning.describe() == words and warning.due == (words is not None)
+    assert (warning.left_m, warning.right_m) == pytest.approx((0.9 + lane[CENTRE], 0.9 - lane[CENTRE]), rel=0.01)
 
 
 def test_no_warning_without_a_crossing():

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import Fit, FitSettings
-from lanes.detect.paint import Stripes
+from lanes.detect.fit import FitSettings
 from lanes.detect.road import (
     ADJACENT,
     CENTRE,
@@ -22,7 +19,6 @@ from lanes.detect.road import (
     VERTICAL_KNOTS_M,
     WIDTH,
     RoadPrior,
-    line_points,
     line_y,
     road_height,
 )
@@ -41,7 +37,6 @@ from lanes.track.filter import (
     to_adjacent_lane,
     transition,
     update,
-    with_given_speed,
 )
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
@@ -144,25 +139,6 @@ def test_the_noise_is_the_same_for_any_frame_rate(curvature):
     np.testing.assert_allclose(np.diag(often.covariance)[numbers], np.diag(once.covariance)[numbers], rtol=0.02)
 
 
-@pytest.mark.parametrize(
-    ("settings", "number"),
-    [
-        (FilterSettings(centre_m_per_s=1.0), CENTRE),
-        (FilterSettings(heading_rad_per_s=0.1), HEADING),
-        (FilterSettings(width_m_per_m=0.1), WIDTH),
-        (FilterSettings(path_per_m_per_s=(0.1, 0.3)), PATH),
-        (FilterSettings(speed_mps_per_s=10.0), SPEED),
-    ],
-)
-def test_the_settings_count(settings, number):
-    usual, noisy = (predict(state_with(), 0.1, used) for used in (FilterSettings(), settings))
-    assert noisy.covariance[number, number] > 1.5 * usual.covariance[number, number]
-    assert predict(state_with(), 0.1, FilterSettings(pitch_relaxation_s=0.01)).mean[PITCH] < 0.1 * usual.mean[PITCH]
-    given = with_given_speed(state_with(), 21.0, FilterSettings(given_speed_std_mps=0.1))
-    assert (given.mean[SPEED], given.covariance[SPEED, SPEED]) == (21.0, pytest.approx(0.01))
-    assert not np.delete(given.covariance[SPEED], SPEED).any()
-
-
 WAVED = a_lane(width=3.6, vertical=(2e-3, -5e-3, 4e-3, -1e-3))
 
 
@@ -215,78 +191,24 @@ CALM = dict(pitch=0.003, vertical=5e-5, adjacent=0.05)
 STD = a_lane(centre=0.1, width=0.05, heading=0.01, curvature=5e-4, rate=1e-5, rate_steps=1e-5, **CALM)
 # Where the road bends, kinks of a hairpin's size are expected.
 KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, rate_steps=2e-3, **CALM)
-BEND = a_lane(centre=0.2, width=3.6, heading=0.01, curvature=1 / 500)
 
 
-def stripes_on(lane: np.ndarray, *, aside_m: float = 0.0, far_m: float = 40.0) -> Stripes:
-    """Strong stripes along both lines of a lane, in each row of a flat view."""
-    along = VIEW.x_m[VIEW.x_m < far_m]
-    points, angles = [], []
-    for side in SIDES:
-        line = line_points(lane, side, along)
-        points.append(line + [0, aside_m])
-        angles.append(np.arctan2(*np.gradient(line, axis=0).T[::-1]) if len(line) else [])
-    x, y = np.vstack(points).T
-    angle = np.concatenate(angles)
-    # rows count from the far end, so that the gradient runs backwards along the line
-    angle = np.arctan(np.tan(angle))
-    row = np.tile(np.flatnonzero(VIEW.x_m < far_m), 2)
-    return stripes_in_view(row, x, y, angle)
-
-
-def stripes_in_view(*places: np.ndarray) -> Stripes:
-    return stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
-
-
-def measured(stripes: Stripes, predicted: State) -> Fit:
-    return measure(stripes, predicted, VIEW, FilterSettings(), FitSettings())
-
-
-def test_large_innovations_have_little_weight():
-    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
-    assert measured(stripes_on(BEND, aside_m=0.02), estimate).weight.mean() > 0.5
-    assert measured(stripes_on(BEND, aside_m=0.6, far_m=12.0), estimate).weight.mean() < 1e-3
-
-
-def test_update_finds_the_lane_and_reduces_the_covariance():
-    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
-    true = BEND + 0.7 * STD * a_lane(centre=1, width=-1, heading=1, curvature=1)
-    fit = measured(stripes_on(true), estimate)
-    x = np.array([5.0, 15, 30])
-    for side in SIDES:
-        np.testing.assert_allclose(line_points(fit.lanes[0], side, x), line_points(true, side, x), atol=0.06)
-    covariance = fit.covariance[0]
-    assert np.all(np.diag(covariance) <= STD**2 * (1 + 1e-9))
-    assert covariance[CENTRE, CENTRE] < 0.25 * STD[0] ** 2
-
-
-def test_one_line_moves_the_other_with_it():
-    """The width is known better than the place, so that the line that is not seen keeps its distance."""
-    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
-    true = BEND + a_lane(centre=0.15, width=0.0)
-    stripes = stripes_on(true)
-    right = stripes.select(np.arange(len(stripes)) >= len(stripes) // 2)
-    lane = measured(right, estimate).lanes[0]
-    assert 0.08 < lane[CENTRE] - BEND[CENTRE] < 0.16
-    assert abs(lane[WIDTH] - BEND[WIDTH]) < 0.03
+def measured(lines_y_m: list[np.ndarray], far_m: float, predicted: State) -> np.ndarray:
+    """The lane (15,) that is measured from strong stripes on lines (rows,), in each row of the view up to `far_m`."""
+    rows = np.flatnonzero(VIEW.x_m < far_m)
+    angles = [np.arctan(np.gradient(y_m, VIEW.x_m[rows])) for y_m in lines_y_m]
+    places = np.tile(rows, 2), np.tile(VIEW.x_m[rows], 2), np.hstack(lines_y_m), np.hstack(angles)
+    stripes = stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
+    return measure(stripes, predicted, VIEW, FilterSettings(), FitSettings()).lanes[0]
 
 
 def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():
     """Straight for 25 m, then a clothoid: the curvature here stays that of the straight."""
     estimate = initial_state(a_lane(width=3.6), np.diag(STD**2), 20.0)
-    stripes = stripes_on(estimate.lane, far_m=60.0)
-    ahead = np.maximum(stripes.x_m - 25, 0)
-    bent = replace(stripes, y_m=stripes.y_m + 5e-5 * ahead**3 / 6, angle=np.arctan(5e-5 * ahead**2 / 2))
-    lane = measured(bent, estimate).lanes[0]
+    ahead = np.maximum(VIEW.x_m[VIEW.x_m < 60] - 25, 0)
+    lane = measured([side * 1.8 + 5e-5 * ahead**3 / 6 for side in SIDES], 60, estimate)
     assert abs(lane[CURVATURE]) < 1 / 5000
     assert abs(lane[CENTRE]) < 0.02
-
-
-def test_no_stripes_leave_the_prediction():
-    estimate = initial_state(BEND, np.diag(STD**2), 20.0)
-    fit = measured(stripes_on(BEND, far_m=0.0), estimate)
-    np.testing.assert_allclose(fit.lanes[0], BEND, atol=1e-12)
-    np.testing.assert_allclose(fit.covariance[0], np.diag(STD**2), rtol=1e-6, atol=1e-15)
 
 
 def test_a_bend_that_begins_ahead_is_tracked():
@@ -299,14 +221,11 @@ def test_a_bend_that_begins_ahead_is_tracked():
     for side in SIDES:
         points = middle + side * 1.7 * np.stack([-np.sin(turned), np.cos(turned)])
         lines.append(np.interp(x, *points))
-    angles = [np.arctan(np.gradient(y, x)) for y in lines]
-    row = np.tile(np.flatnonzero(VIEW.x_m < 22), 2)
-    stripes = stripes_in_view(row, np.tile(x, 2), np.hstack(lines), np.hstack(angles))
     at = np.array([8.0, 14.0, 20.0])
     true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
     off, foretold_off = (
         np.abs([line_y(at, lane, side) for side in SIDES] - true).max(axis=0)
-        for lane in (measured(stripes, estimate).lanes[0], estimate.lane)
+        for lane in (measured(lines, 22, estimate), estimate.lane)
     )
     assert foretold_off[2] > 0.4
     assert off[0] < 0.03 and off[1] < 0.05 and off[2] < 0.6 * foretold_off[2]

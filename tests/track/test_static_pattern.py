@@ -1,31 +1,23 @@
-"""What never moves in a drive is no marking of the road: places in samples; guide lines, bonnets and captions."""
+"""What never moves in a drive is no marking of the road: places in samples; guide lines and bonnets."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import cv2
 import numpy as np
 import pytest
 
-from benchmark.errors import FrameErrors, frame_errors
-from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import read_truth
-from benchmark.scored_drive import list_drives
-from benchmark.systems import lane_estimate
-from lanes.camera import Camera, load_camera
+from benchmark.errors import FrameErrors
 from lanes.detect.lane import TRACKING, Lane
-from lanes.track import static_pattern
-from lanes.track.static_pattern import STATIC, StaticPattern
+from lanes.track.static_pattern import StaticPattern
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import read_video
 from simulator.rendering.drive import Motion
+from tests.support.motorway import FPS, Motorway
 from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
-from tests.support.static_objects import draw_caption, draw_guide_lines, draw_striped_bonnet
+from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
-FPS = 25.0
 SMALL = CAMERA.scaled((640, 360))
 # Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
 LEARNT_S, SECONDS = 6.0, 9.0
@@ -37,85 +29,42 @@ ROW = np.arange(ROWS)
 STAYS = ROW, 100 + ROW // 3
 
 
-def sample(rng: np.random.Generator, *, sway: float = 0.0, others: int = 60) -> tuple[np.ndarray, np.ndarray]:
-    """The static line, a solid line of the road that sways by a standard deviation in columns, and other stripes."""
-    road = np.full(ROWS, 250 + rng.normal(0, sway)).round().astype(int)
-    return (
-        np.concatenate([ROW, ROW, rng.integers(0, ROWS, others)]),
-        np.concatenate([STAYS[1], road, rng.integers(0, COLUMNS, others)]),
-    )
-
-
-def drive(samples: int, **options) -> StaticPattern:
-    rng, pattern = np.random.default_rng(0), StaticPattern(ROWS, COLUMNS)
+def drive(samples: int, *, line_stays: bool = True, pattern: StaticPattern | None = None) -> StaticPattern:
+    """Samples of the line that stays, of a line of the road that sways, and of other stripes."""
+    rng, pattern = np.random.default_rng(samples), pattern or StaticPattern(ROWS, COLUMNS)
     for _ in range(samples):
-        pattern.add(*sample(rng, **options))
+        road = np.full(ROWS, round(250 + rng.normal(0, 4)))
+        stays = STAYS if line_stays else ([], [])
+        row, column = np.hstack([stays, (ROW, road), rng.integers(0, ((ROWS,), (COLUMNS,)), (2, 60))]).astype(int)
+        pattern.add(row, column)
     return pattern
 
 
-def test_what_stays_is_static_after_a_few_samples():
-    few = int(STATIC.min_samples)
-    assert not drive(few, sway=4).is_static(*STAYS).any()
-    assert drive(few + 2, sway=4).is_static(*STAYS).all()
+def test_what_stays_is_static_up_to_one_column_aside():
+    for shift, static in ((-1, True), (0, True), (1, True), (-3, False), (3, False)):
+        assert drive(20).is_static(ROW, STAYS[1] + shift).all() == static
 
 
-@pytest.mark.parametrize("samples", [10, 30, 200])
-def test_a_line_that_sways_by_a_few_centimetres_is_not(samples):
-    pattern = drive(samples, sway=3)
-    near = np.repeat(np.arange(245, 256), ROWS)
-    assert pattern.is_static(np.tile(ROW, 11), near).mean() < 0.1
-
-
-def test_places_beside_are_static_up_to_one_column():
-    pattern = drive(20, sway=4)
-    for shift, static in ((-1, True), (1, True), (-3, False), (3, False)):
-        assert pattern.is_static(ROW, STAYS[1] + shift).all() == static
+def test_what_was_static_and_is_gone_is_forgotten():
+    assert not drive(60, line_stays=False, pattern=drive(300)).is_static(*STAYS).any()
 
 
 def test_nothing_becomes_static_while_the_car_stands():
     rng, pattern = np.random.default_rng(1), StaticPattern(ROWS, COLUMNS)
-    row, column = sample(rng)
     for _ in range(100):
-        # noise hides some stripes and moves others by a column
-        shown = rng.random(len(row)) < 0.9
-        pattern.add(row[shown], np.minimum(column[shown] + rng.integers(0, 2, shown.sum()), COLUMNS - 1))
-    assert not pattern.is_static(row, column).any()
-
-
-def test_what_was_static_and_is_gone_is_forgotten():
-    rng, pattern = np.random.default_rng(2), drive(30, sway=4)
-    for _ in range(60):
-        row, column = sample(rng, sway=4)
-        pattern.add(row[ROWS:], column[ROWS:])
+        # noise hides some stripes
+        shown = rng.random(ROWS) < 0.9
+        pattern.add(ROW[shown], STAYS[1][shown])
     assert not pattern.is_static(*STAYS).any()
 
 
-def test_pictures_without_stripes_and_places_at_the_border_are_accepted():
-    pattern = StaticPattern(ROWS, COLUMNS)
-    for _ in range(3):
-        pattern.add(np.empty(0, int), np.empty(0, int))
-        pattern.add(ROW, np.full(ROWS, COLUMNS - 1))
-        pattern.add(ROW, np.zeros(ROWS, int))
-    assert not pattern.is_static(ROW, np.zeros(ROWS, int)).any()
-
-
 @pytest.fixture(scope="module")
-def motorway() -> tuple[Camera, list[np.ndarray]]:
-    """The committed motorway in half its size."""
-    video = list_drives()["motorway"].video
-    camera = load_camera(video.with_suffix(".yaml"))
-    camera = camera.scaled((camera.width // 2, camera.height // 2))
-    return camera, [
-        cv2.resize(frame, camera.size, interpolation=cv2.INTER_AREA) for frame in read_video(video, end_s=SECONDS)
-    ]
+def motorway() -> Motorway:
+    return Motorway(SECONDS)
 
 
-def follow(motorway, draw: Callable[[np.ndarray], np.ndarray]) -> tuple[list[Lane | None], FrameErrors]:
-    camera, frames = motorway
-    tracker = LaneTracker(camera, fps=FPS)
-    said = [tracker.update(draw(frame)) for frame in frames]
-    estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in said], [0.0] * len(said))
-    return said, frame_errors(estimates, read_truth(list_drives()["motorway"]).select(np.arange(len(said))))
+def follow(motorway: Motorway, draw: Callable[[np.ndarray], np.ndarray]) -> tuple[list[Lane | None], FrameErrors]:
+    return motorway.follow((draw(frame), None, number) for number, frame in enumerate(motorway.frames))
 
 
 @pytest.mark.slow
@@ -131,20 +80,6 @@ def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
 
 
 @pytest.mark.slow
-def test_without_the_static_pattern_the_guide_lines_are_the_lane(motorway, monkeypatch):
-    """The drawn lines mislead: otherwise the test before would show nothing."""
-    monkeypatch.setattr(static_pattern, "STATIC", replace(static_pattern.STATIC, min_samples=np.inf))
-    _, errors = follow(motorway, partial(draw_guide_lines, spread=0.2))
-    assert errors.correct[round(LEARNT_S * FPS) :].mean() < 0.7
-
-
-@pytest.mark.slow
-def test_a_caption_does_not_matter(motorway):
-    _, errors = follow(motorway, lambda frame: draw_caption(frame, second=7))
-    assert errors.correct.all()
-
-
-@pytest.mark.slow
 def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
     """As in some simulators: straight ahead in the middle of the lane, without pitch motion."""
     drive = PaintedDrive(straight_road(), (Stripe(1.8), Stripe(-1.8)), motion=Motion(speed_mps=25.0), camera=SMALL)
@@ -156,8 +91,7 @@ def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
 
 @pytest.mark.slow
 def test_the_lane_is_kept_while_the_car_stands(motorway):
-    camera, frames = motorway
-    tracker, rng = LaneTracker(camera, fps=FPS), np.random.default_rng(0)
+    frames, tracker, rng = motorway.frames, motorway.tracker(), np.random.default_rng(0)
     moving = [tracker.update(frame) for frame in frames[:50]]
     for _ in range(round(10 * FPS)):
         noise = rng.normal(0, 2, frames[49].shape).astype(np.int16)
@@ -169,12 +103,10 @@ def test_the_lane_is_kept_while_the_car_stands(motorway):
 
 @pytest.mark.slow
 def test_what_never_moves_is_forgotten_between_two_drives(motorway):
-    camera, frames = motorway
-    tracker = LaneTracker(camera, fps=FPS)
-    for frame in frames[:150]:
+    tracker, fresh = motorway.tracker(), motorway.tracker()
+    for frame in motorway.frames[:150]:
         tracker.update(draw_guide_lines(frame))
     tracker.reset()
-    fresh = LaneTracker(camera, fps=FPS)
-    for frame in frames[:20]:
+    for frame in motorway.frames[:20]:
         again, first = tracker.update(draw_guide_lines(frame)), fresh.update(draw_guide_lines(frame))
         assert again.state == first.state and again.confidence == first.confidence

@@ -168,17 +168,6 @@ def test_coasting_lasts_as_long_at_any_frame_rate(fps):
     assert coasted == pytest.approx(0.7 * fps, abs=1)
 
 
-def test_tracking_continues_after_dropped_and_repeated_pictures():
-    tracker = LaneTracker(SMALL, fps=FPS)
-    follow(DRIVE, 1.0, tracker=tracker)
-    lane = tracker.update(DRIVE.frame(1.5), elapsed_s=0.5)
-    assert lane.state == "tracking"
-    assert lateral_error_m(lane, DRIVE.truth(1.5)) < 0.1
-    for _ in range(3):
-        lane = tracker.update(DRIVE.frame(1.5))
-    assert lateral_error_m(lane, DRIVE.truth(1.5)) < 0.1
-
-
 @pytest.mark.slow
 def test_the_frame_rate_hardly_matters():
     """At 12.5 and at 25 frames a second: the same lane, and nearly the same standard deviations."""
@@ -242,12 +231,6 @@ def test_a_wrong_track_is_given_up():
     assert lateral_error_m(*frames[-1][1:]) < 0.1
 
 
-def test_kind_and_colour_of_both_lines():
-    left, right = s_bend_drive()[-1][1].lines
-    assert (left.colour, left.kind, left.double) == ("yellow", "solid", False)
-    assert (right.colour, right.kind, right.double) == ("white", "dashed", False)
-
-
 def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_picture_on():
     lines = (*(Stripe(y, 0.10, WORN_YELLOW) for y in (1.7, 1.9)), Stripe(-1.8))
     drive = replace(DRIVE, road=straight_road(), lines=lines, lane_m=(1.7, -1.8), camera=CAMERA)
@@ -264,16 +247,6 @@ def test_speed_is_found_or_taken():
     follow(DRIVE, 0.5, tracker=tracker)
     tracker.speed_mps = 21.0
     assert follow(DRIVE, 0.3, tracker=tracker)[-1][1].motion.speed_mps == pytest.approx(21.0)
-
-
-def test_reset_forgets():
-    tracker = LaneTracker(SMALL, fps=FPS)
-    first = tracker.update(DRIVE.frame(0.0))
-    tracker.update(DRIVE.frame(0.08))
-    tracker.reset()
-    again = tracker.update(DRIVE.frame(0.0))
-    np.testing.assert_array_equal(again.model, first.model)
-    assert again.state == "searching"
 
 
 @pytest.mark.parametrize("elapsed_s", [1.5, 1e9, -0.04, np.nan, np.inf])

@@ -11,7 +11,7 @@ import av
 import numpy as np
 
 SIZE = (160, 96)
-YELLOW, RED, BLUE = (255, 200, 0), (200, 30, 30), (20, 60, 220)
+YELLOW = (255, 200, 0)
 NTSC = Fraction(30000, 1001)
 
 

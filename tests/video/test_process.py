@@ -17,7 +17,7 @@ from lanes.files import read_telemetry
 from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from lanes.video.writer import VideoWriter
-from tests.video.sample_videos import NTSC, YELLOW, make_video, number_of, numbered, unchanged
+from tests.video.sample_videos import NTSC, make_video, number_of, numbered, unchanged
 
 
 class StatefulFunction:
@@ -55,17 +55,6 @@ def test_each_frame_is_seen_once_in_order_and_browsers_can_play_the_output(video
         assert container.streams.audio[0].codec_context.name == "aac"
     # The index of the file stands before its frames.
     assert target.read_bytes().index(b"moov") < target.read_bytes().index(b"mdat")
-
-
-def test_odd_size_is_padded(tmp_path):
-    path = make_video(tmp_path / "odd.mkv", 5, size=(161, 97))
-    seen = []
-    info = process_video(path, tmp_path / "out.mp4", lambda f: seen.append(f) or f, progress=False)
-    assert seen[0].shape == (97, 161, 3)
-    assert (info.width, info.height) == (162, 98)
-    written = next(read_video(tmp_path / "out.mp4"))
-    np.testing.assert_allclose(written[:97, :161].astype(int), seen[0], atol=30)
-    np.testing.assert_allclose(written[20, 161], YELLOW, atol=10)
 
 
 def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):

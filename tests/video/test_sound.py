@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
-
 import av
-import numpy as np
 import pytest
 
 from lanes.video.process import process_video
-from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.reader import inspect_video
 from tests.video.sample_videos import (
-    SIZE,
-    add_tone,
     make_video,
     make_video_with_unknown_sound,
-    number_of,
-    numbered,
     sound_packets,
     tone_starts_s,
     unchanged,
@@ -62,28 +55,6 @@ def test_sound_that_browsers_play_is_copied(video, tmp_path):
     # the encoder's packets before the first frame are left out
     assert set(after) <= set(before)
     assert len(after) >= len(before) - 2 > 80
-
-
-def test_variable_rate_with_sound(tmp_path):
-    """Frames are missing for a second: picture and sound stay synchronous."""
-    times_s = [*np.arange(10) / 25, *(1.4 + np.arange(20) / 25)]
-    path = tmp_path / "variable.mkv"
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"preset": "ultrafast"})
-        stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
-        stream.codec_context.time_base = Fraction(1, 1000)
-        track = container.add_stream("aac", rate=48000, layout="mono")
-        for number, time_s in enumerate(times_s):
-            frame = av.VideoFrame.from_ndarray(numbered(number))
-            frame.pts, frame.time_base = round(1000 * time_s), Fraction(1, 1000)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-        add_tone(container, track, 2.2)
-    info = process_video(path, tmp_path / "out.mp4", lambda f: f, progress=False)
-    found = list(read_timed_frames(tmp_path / "out.mp4"))
-    assert info.frames == 30 and [number_of(f.image) for f in found] == list(range(30))
-    np.testing.assert_allclose([f.time_s for f in found], times_s, atol=1e-3)
-    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path), abs=1e-3)
 
 
 @pytest.mark.parametrize(("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)])
