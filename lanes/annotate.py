@@ -249,7 +249,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
         outputs: tuple[Path, ...] = (target, table.path)
         if settings.report:
-            used = _describe_settings(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
+            used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
             page = target.with_suffix(".html")
             outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
@@ -267,9 +267,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 
-def _describe_settings(
-    video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
-) -> dict[str, str]:
+def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
         lens = f"{settings.field_of(video).words}, not calibrated"

@@ -155,10 +155,8 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= _largest_error_px(errors):
             return camera
-        median = np.median(list(errors.values()))
-        rejected[worst] = (
-            f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
-        )
+        limit = f"{OUTLIER_RATIO} times the median board's {np.median(list(errors.values())):.2f}"
+        rejected[worst] = f"error {errors[worst]:.2f} px, more than {limit}"
         del boards[worst]
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import av
 import cv2
@@ -101,11 +101,9 @@ class VideoWriter:
         self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if kind is not None:
-            self._resources.__exit__(kind, error, trace)
+            self._resources.__exit__(kind, *error)
             return
         with self._resources:
             self._finish()
