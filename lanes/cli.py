@@ -10,6 +10,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from lanes import __version__
@@ -160,13 +161,9 @@ class Annotate:
         """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
         sources = find_sources(options.files)
         settings = read_settings(options, sources)
+        say = (lambda _: None) if options.quiet else partial(print, flush=True)
         failures: list[Exception] = []
         done = 0
-
-        def say(text: str) -> None:
-            if not options.quiet:
-                print(text, flush=True)
-
         if (options.workers or options.scheduler) and sources.videos:
             where = {"workers": options.workers, "scheduler": options.scheduler}
             finished, failures = annotate_many(sources.videos, settings, **where, log=say)

@@ -167,14 +167,6 @@ def test_stills_with_estimated_pose(tmp_path):
         quietly(tmp_path, tmp_path)
 
 
-def test_stills_of_all_formats_keep_their_format(tmp_path):
-    for suffix in ("bmp", "tif", "webp"):
-        write_image(tmp_path / f"still.{suffix}", BENDS.frame(0))
-    (result,) = quietly(tmp_path, tmp_path / "out")
-    assert [path.name for path in result.outputs] == ["still.bmp", "still.tif", "still.webp", "pictures.csv"]
-    assert "lane found in 3" in result.description and (read_image(result.outputs[0]) != BENDS.frame(0)).any()
-
-
 def test_stills_of_different_cameras_have_a_pose_each(tmp_path):
     camera = Camera.from_fov((960, 540), 60, CameraPose(1.3, np.radians(3.0)))
     for name, image in (("a.png", BENDS.frame(0)), ("b.png", paint_motorway(camera))):

@@ -7,7 +7,7 @@ import pytest
 
 from classic.overlay import draw_mosaic, to_rgb
 from lanes.canvas import blend_polygon, draw_polyline, put_text
-from tests.support.drawing import gray_picture
+from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
 WHITE = (255, 255, 255)
 
@@ -72,6 +72,12 @@ def test_text_is_readable_on_any_background(background):
     assert (luminance.max() + 0.05) / (np.median(luminance) + 0.05) >= 4.5
 
 
+def test_the_size_of_text_follows_the_picture():
+    pictures = [np.zeros((height, 2 * height, 3), np.uint8) for height in (180, 720)]
+    small, large = (with_text(image, "R", panel_alpha=0).any(axis=(1, 2)).sum() for image in pictures)
+    assert large / small == pytest.approx(4, rel=0.15)
+
+
 def test_signs_beyond_ascii_are_drawn():
     pictures = [with_text(np.zeros((60, 80, 3), np.uint8), sign, size_px=40).tobytes() for sign in "?±°éΩ"]
     assert len(set(pictures)) == 5
@@ -108,4 +114,5 @@ def test_text_stays_on_the_strip_beside_the_thumbnails():
     ids=["bool", "0 and 1", "gray"],
 )
 def test_masks_become_black_and_white_and_gray_keeps_its_levels(image, levels):
+    assert_draws_on_a_copy(to_rgb)
     assert to_rgb(np.array(image)).tolist() == [[[level] * 3 for level in levels]]

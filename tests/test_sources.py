@@ -62,11 +62,6 @@ def test_images_are_spread_over_stills_and_video(drive):
     assert brightness(sample_images(files, 4)) == pytest.approx([200, 70, 95, 220], abs=2)
 
 
-def test_images_of_a_part_of_a_video(drive):
-    part = {"start_s": 1.0, "end_s": 2.5}
-    assert brightness(sample_images([drive / "drive.mp4"], 40, **part)) == pytest.approx([70, 95, 120], abs=2)
-
-
 def test_images_that_are_not_wanted_are_refused_with_their_file(drive):
     def refuse(image: np.ndarray, file: Path) -> None:
         if image.mean() > 60:

@@ -171,11 +171,11 @@ def _sigterm_as_exception() -> Iterator[None]:
     """Turn SIGTERM into an exception, as for Ctrl-C, so that unfinished files are removed."""
     in_main = threading.current_thread() is threading.main_thread()
     # Python allows handlers in the main thread only; a handler of the caller is kept.
-    if not in_main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    ours = in_main and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)

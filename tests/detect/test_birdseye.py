@@ -18,7 +18,7 @@ def test_rows_go_from_far_to_near_and_columns_from_left_to_right():
 
 
 @pytest.mark.parametrize("width", [1280, 1283, 1921])
-@pytest.mark.parametrize(("x", "y"), [(6.5, 1.2), (12.0, -2.7), (25.0, 3.4), (45.0, -0.6)])
+@pytest.mark.parametrize(("x", "y"), [(6.5, 1.2), (12.0, -2.7), (25.0, 3.4), (45.0, -0.6), (6.0, 2.6)])
 def test_a_mark_on_the_road_appears_in_its_cells(width, x, y):
     camera = dashcam(width)
     view = BirdsEyeView(camera)

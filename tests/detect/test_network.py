@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import learned_evidence
+from lanes.detect.network import finer_view, learned_evidence, network_inputs
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
@@ -67,6 +67,13 @@ def test_a_faint_streak_on_a_smooth_road_is_no_paint():
     streak = lane(Road(CAMERA, noise=0.3), colour=tuple(np.add(ASPHALT, 3)))
     paint = lane(Road(CAMERA, noise=0.3))
     assert found_rows(stripes_of(streak)) < 0.3 < 0.9 < found_rows(stripes_of(paint))
+
+
+def test_the_last_input_is_the_width_of_a_pixel_and_nothing_is_found_outside_the_picture():
+    fine, focal_px = finer_view(VIEW), 2 * VIEW.focal_px
+    widths = network_inputs(np.zeros((*fine.shape, 3), np.uint8), fine, focal_px)[3]
+    np.testing.assert_allclose(widths[:, 0], np.log2(1 + fine.x_m / focal_px / VIEW.cell_m), rtol=1e-5)
+    assert not evidence_of(lane(Road(CAMERA))).response.strength[~VIEW.seen].any()
 
 
 @pytest.mark.parametrize("gain", [0.5, 1.15])

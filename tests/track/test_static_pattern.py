@@ -46,16 +46,16 @@ def test_what_stays_is_static_up_to_one_column_aside():
 
 
 def test_what_was_static_and_is_gone_is_forgotten():
-    assert not drive(60, line_stays=False, pattern=drive(30)).is_static(*STAYS).any()
+    assert not drive(60, line_stays=False, pattern=drive(300)).is_static(*STAYS).any()
 
 
-def test_pictures_without_stripes_and_places_at_the_border_are_accepted():
-    pattern = StaticPattern(ROWS, COLUMNS)
-    for _ in range(3):
-        pattern.add(np.empty(0, int), np.empty(0, int))
-        pattern.add(ROW, np.full(ROWS, COLUMNS - 1))
-        pattern.add(ROW, np.zeros(ROWS, int))
-    assert not pattern.is_static(ROW, np.zeros(ROWS, int)).any()
+def test_nothing_becomes_static_while_the_car_stands():
+    rng, pattern = np.random.default_rng(1), StaticPattern(ROWS, COLUMNS)
+    for _ in range(100):
+        # noise hides some stripes
+        shown = rng.random(ROWS) < 0.9
+        pattern.add(ROW[shown], STAYS[1][shown])
+    assert not pattern.is_static(*STAYS).any()
 
 
 @pytest.fixture(scope="module")
