@@ -63,11 +63,7 @@ def blend_polygon(
 
 
 def put_text(
-    image: np.ndarray,
-    lines: str | Sequence[str],
-    *,
-    size_px: int | None = None,
-    panel_alpha: float = 0.6,
+    image: np.ndarray, lines: str | Sequence[str], *, size_px: int | None = None, panel_alpha: float = 0.6
 ) -> None:
     """Write lines of white text at the top left, on a dark panel that keeps them readable on any background.
 

@@ -55,8 +55,6 @@ class VideoWriter:
         Ends in .mp4; the folder is created where needed.
     fps : float
         Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
-    crf : int, in range 0..51
-        x264's constant rate factor; lower means better quality and larger files.
     colours : ColourTags
         Colour space that the RGB images are encoded in, and tagged with.
     sound_from : str or Path, optional
@@ -74,7 +72,6 @@ class VideoWriter:
         path: str | Path,
         *,
         fps: float,
-        crf: int = CRF,
         colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
         sound_from: str | Path | None = None,
     ) -> None:
@@ -87,7 +84,7 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._crf, self._colours, self._sound_from = crf, colours, sound_from
+        self._colours, self._sound_from = colours, sound_from
         self._converter = VideoReformatter()
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
@@ -145,7 +142,7 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> av.container.OutputContainer:
         size = frame.width, frame.height
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours, crf=self._crf)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours)
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
@@ -267,12 +264,12 @@ class SoundTrack:
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags, *, crf: int = CRF
+    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags
 ) -> tuple[av.container.OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(crf)})
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(CRF)})
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
