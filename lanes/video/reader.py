@@ -44,27 +44,22 @@ NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 class ColourTags:
     """Colour space of a video in code points of Recommendation ITU-T H.273, tables 2 to 4.
 
-    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235, with the
-    primaries and the transfer function of BT.709.
+    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235 (MPEG; the
+    full range is JPEG's), with the primaries and the transfer function of BT.709.
     """
 
     matrix: int = 6
-    full_range: bool = False
+    range: int = ColorRange.MPEG
     primaries: int = 1
     transfer: int = 1
-
-    @property
-    def range(self) -> ColorRange:
-        """PyAV's name of the range."""
-        return ColorRange.JPEG if self.full_range else ColorRange.MPEG
 
     @classmethod
     def of(cls, frame: av.VideoFrame) -> ColourTags:
         """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
         matrix = frame.colorspace if frame.colorspace in YUV_MATRICES else cls.matrix
         primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-        full_range = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
-        return cls(int(matrix), full_range, primaries, transfer)
+        full = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
+        return cls(int(matrix), ColorRange.JPEG if full else ColorRange.MPEG, primaries, transfer)
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,7 @@ class VideoWriter:
 
     def _to_yuv(self, image: np.ndarray) -> av.VideoFrame:
         """The image in YUV 4:2:0; its width and height are even."""
-        if self._colours.matrix in BT601_MATRICES and not self._colours.full_range and len(image) % 4 == 0:
+        if self._colours.matrix in BT601_MATRICES and self._colours.range != ColorRange.JPEG and len(image) % 4 == 0:
             # A third of FFmpeg's time, for untagged videos in particular. PyAV miscounts the rows of other heights.
             planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
             return av.VideoFrame.from_numpy_buffer(np.asarray(planes, np.uint8), format="yuv420p")
