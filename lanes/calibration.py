@@ -91,15 +91,15 @@ def find_boards(
     boards: dict[str, Board] = {}
     unused: dict[str, str] = {}
     for done, (name, path) in enumerate(names.items(), 1):
+        reason = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
         try:
             board = find_board(read_image(path), pattern)
         except PictureError as error:
-            unused[name] = str(error)
+            board, reason = None, str(error)
+        if board:
+            boards[name] = board
         else:
-            if board is None:
-                unused[name] = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
-            else:
-                boards[name] = board
+            unused[name] = reason
         if progress:
             progress(done, len(paths))
     return BoardDetections(names, pattern, boards, unused)

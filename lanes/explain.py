@@ -37,12 +37,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was.
+    """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was."""
 
-    `model` (15,) is as in `lanes.detect.road`.
-    """
-
-    model: np.ndarray
+    model: np.ndarray  # (15,), see `lanes.detect.road`
     chosen: bool
     reason: str
 

@@ -4,7 +4,7 @@ Parallel lines on a flat road meet in a vanishing point on the horizon (`lanes.v
 pitch. Its column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width
 in metres, divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one
 side give the roll. For one image with too few lane lines the angles come from all its edges, and the height is the
-usual one. Of the poses near the estimate from one image that with the most probable lane is taken (`lanes.stills`).
+usual one.
 """
 
 from __future__ import annotations
@@ -104,9 +104,8 @@ class PoseEstimate:
 
     def describe(self) -> str:
         """Several lines of text: the summary and the notes."""
-        return "\n".join(
-            [f"{name:<8} {text}" for name, text in self.summary().items()] + [f"note: {n}" for n in self.notes]
-        )
+        lines = [f"{name:<8} {text}" for name, text in self.summary().items()]
+        return "\n".join(lines + [f"note: {note}" for note in self.notes])
 
     def summary_line(self) -> str:
         """One line with the numbers, and with what they were estimated from."""

@@ -1,7 +1,5 @@
 """Detection in a single image, with a known camera pose or with one that has to come from the same image.
 
-With a known pose the band filter finds the stripes. If its lane is not sure, the network is the second opinion.
-
 A single image determines the height of the camera roughly, or not at all. With a wrong height two lines that are not a
 lane apart are taken for the ego lane. Several poses are therefore tried, with the stripes of the network, which decide
 better between poses (docs/ablation.md). If the poses show the same lane, the pose does not matter; if they show

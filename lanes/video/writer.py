@@ -12,6 +12,7 @@ from typing import Any
 import av
 import cv2
 import numpy as np
+from av.container import InputContainer, OutputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
@@ -88,7 +89,7 @@ class VideoWriter:
         self._converter = VideoReformatter()
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
-        self._container: av.container.OutputContainer | None = None
+        self._container: OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
         self._last_pts = -1
@@ -140,7 +141,7 @@ class VideoWriter:
             if self._sound is not None:
                 self._sound.write_until(frame.time)
 
-    def _open_container(self, frame: av.VideoFrame) -> av.container.OutputContainer:
+    def _open_container(self, frame: av.VideoFrame) -> OutputContainer:
         size = frame.width, frame.height
         container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours)
         self._container = container
@@ -200,9 +201,7 @@ class VideoWriter:
 class SoundTrack:
     """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
-    def __init__(
-        self, source: av.container.InputContainer, target: av.container.OutputContainer, *, start_s: float
-    ) -> None:
+    def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
         self._source, self._target, self._start_s = source, target, start_s
         # A track in a codec that FFmpeg does not know has no codec context; it is left out.
         self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
@@ -265,7 +264,7 @@ class SoundTrack:
 
 def open_mp4(
     path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags
-) -> tuple[av.container.OutputContainer, av.VideoStream]:
+) -> tuple[OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
@@ -285,6 +284,6 @@ def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> N
     target.color_trc, target.color_range = colours.transfer, colours.range
 
 
-def _close_quietly(container: av.container.OutputContainer) -> None:
+def _close_quietly(container: OutputContainer) -> None:
     with suppress(av.FFmpegError):
         container.close()
