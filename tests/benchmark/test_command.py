@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import csv
 import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -22,21 +22,18 @@ from lanes import camera, images
 from lanes.detect import birdseye
 from lanes.images import read_image
 from lanes.video import reader
-from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import main, process
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import ROOT
 
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
 FRAMES = 5
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("drives")
-    write_drive(folder / "bend.mp4", DRIVE, FRAMES)
+    write_drive(folder / "bend.mp4", BENDS, FRAMES)
     return folder
 
 
@@ -68,8 +65,8 @@ class TestCommand:
         assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
         assert all(row["time_median_ms"] > 0 and row["workers"] == 2 for row in scenes)
         assert {row["machine"] for row in rows} == {describe_machine()}
-        assert read_image(folder / "out" / "benchmark.png").std() > 5
-        assert read_image(folder / "out" / "reliability.png").std() > 5
+        for name in ("benchmark.png", "reliability.png"):
+            assert read_image(folder / "out" / name).std() > 5
 
     def test_the_table_fits_the_terminal_and_states_its_conditions(self, done):
         assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
@@ -78,12 +75,10 @@ class TestCommand:
             assert words in done.stdout
 
     def test_the_consistency_of_tracker_and_detector_is_reported(self, done, folder):
-        with (folder / "out" / "consistency.csv").open(newline="") as file:
-            rows = list(csv.DictReader(file))
-        assert [(row["scene"], row["system"]) for row in rows] == [
-            (scene, system) for scene in ("bend", "all custom") for system in ("tracker", "detector")
-        ]
-        assert all(float(row["frames"]) == FRAMES and float(row["offset_z_rms"]) > 0 for row in rows)
+        rows = read_scores(folder / "out" / "consistency.csv", "nees_mean")
+        expected = [(scene, system) for scene in ("bend", "all custom") for system in ("tracker", "detector")]
+        assert [(row["scene"], row["system"]) for row in rows] == expected
+        assert all(row["frames"] == FRAMES and row["offset_z_rms"] > 0 for row in rows)
         for words in ("custom tracker  custom detector", "NEES is e^T P^-1 e", "custom, detector"):
             assert words in done.stdout
 
@@ -99,11 +94,8 @@ class TestCommand:
     ],
 )
 def test_wrong_usage_is_reported(arguments, words, capsys):
-    try:
-        status = main(["benchmark", *arguments])
-    except SystemExit as error:
-        status = error.code
-    assert status == 2
+    with pytest.raises(SystemExit, match="2"):
+        sys.exit(main(["benchmark", *arguments]))
     assert words in capsys.readouterr().err
 
 
@@ -152,7 +144,7 @@ class TestRunner:
         assert prepared.camera.pose.pitch_rad == pytest.approx(SMALL.pose.pitch_rad, abs=0.01)
 
     def test_without_a_pose_no_lane_is_available(self, folder, tmp_path):
-        video = write_drive(tmp_path / "blank.mp4", replace(DRIVE, lines=()), 2)
+        video = write_drive(tmp_path / "blank.mp4", replace(BENDS, lines=()), 2)
         prepared = prepare_drive(custom(video), estimated_pose=True)
         assert (prepared.camera, prepared.pose) == (None, "not found")
         assert not run_system(prepared, "tracker").available.any()

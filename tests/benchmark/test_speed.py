@@ -1,9 +1,6 @@
 """Speed: every system is timed, a transcode keeps all frames, ratios are those of the times."""
 
-from __future__ import annotations
-
 from contextlib import closing
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +9,13 @@ from benchmark import speed
 from benchmark.speed import COLD, TRACKING, TRANSCODED, WARM_UP, FileTime, FrameTime, Speed, time_files, time_frames
 from classic.recipe import RECIPES
 from lanes.video.reader import inspect_video, read_video
-from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
-
-SMALL = CAMERA.scaled((640, 360))
-DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2), camera=SMALL)
+from tests.support.painted_drive import BENDS, SMALL
 
 
 @pytest.fixture(scope="module")
-def clip(tmp_path_factory) -> Path:
-    return write_drive(tmp_path_factory.mktemp("drives") / "bend.mp4", DRIVE, WARM_UP + 4)
+def clip(tmp_path_factory):
+    return write_drive(tmp_path_factory.mktemp("drives") / "bend.mp4", BENDS, WARM_UP + 4)
 
 
 def test_every_system_is_timed_and_a_search_costs_more_than_tracking(clip):

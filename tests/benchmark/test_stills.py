@@ -25,14 +25,11 @@ from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import lines_on_view
 from lanes.images import write_image
-from simulator.rendering.drive import Motion
 from tests.support.command_line import main
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.shapes import a_lane
 
-SMALL = CAMERA.scaled((640, 360))
 POSES = {"low": SMALL.pose, "high": replace(SMALL.pose, height_m=1.6, pitch_rad=SMALL.pose.pitch_rad + 0.05)}
-HFOV_DEG = np.degrees(2 * np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
 ROWS, X_M = np.arange(370.0, 700.0, 5.0), np.geomspace(2, 100, 400)
 TRUE = a_lane(centre=0.2, width=3.5, heading=0.02, curvature=1 / 400)
 STD = a_lane(centre=0.05, width=0.04, heading=0.008, curvature=5e-4, rate=1e-9, pitch=1e-9, rate_steps=1e-12)
@@ -49,15 +46,15 @@ def folder(tmp_path_factory) -> Path:
     """Labelled stills of two cameras with different poses, black ones of a third one, and predictions for the first."""
     folder, rows, entries = tmp_path_factory.mktemp("cameras"), np.arange(230, 311, 5), []
     for name, pose in POSES.items():
-        motion = Motion(60.0, 25.0, offset_m=0.3, wander_m=0.2)
-        drive = PaintedDrive(s_bend(), lane_lines(), motion=motion, camera=SMALL.with_pose(pose))
+        drive = replace(BENDS, camera=SMALL.with_pose(pose))
         for k in range(4):
-            entries.append({"raw_file": f"{name}/{k}.png", "h_samples": rows.tolist(), "lanes": []})
-            write_image(folder / entries[-1]["raw_file"], drive.frame(k / 5))
+            lanes = []
             for side in (0, 1):
                 u, v = drive.camera.road_to_pixels(np.column_stack([X_M, drive.truth(k / 5).line_y(side, X_M)])).T
                 columns = np.interp(rows, v[::-1], u[::-1])
-                entries[-1]["lanes"].append(np.where((columns >= 0) & (columns < 640), columns, -2).tolist())
+                lanes.append(np.where((columns >= 0) & (columns < 640), columns, -2).tolist())
+            entries.append({"raw_file": f"{name}/{k}.png", "h_samples": rows.tolist(), "lanes": lanes})
+            write_image(folder / f"{name}/{k}.png", drive.frame(k / 5))
     write_lines(folder / "low.jsonl", entries[:4])
     swapped = entries[0] | {"lanes": entries[0]["lanes"][::-1]}
     write_lines(folder / "predictions.jsonl", [swapped, *entries[1:4]])
@@ -68,7 +65,7 @@ def folder(tmp_path_factory) -> Path:
 
 
 def test_each_folder_has_its_own_pose(folder, capsys):
-    options = ["--labels", str(folder / "all.jsonl"), "--hfov", f"{HFOV_DEG:.3f}", "--system", "tracker"]
+    options = ["--labels", str(folder / "all.jsonl"), "--hfov", f"{SMALL.hfov_deg:.3f}", "--system", "tracker"]
     assert main(["benchmark", *options, "--each-folder"]) == 0
     lines = capsys.readouterr().out.splitlines()
     said = ("low: 4 stills; z at 8/15/25 m: ", "high: 4 stills; z at 8/15/25 m: ", "black: left out, 1 stills (")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from itertools import count
 
 import numpy as np
@@ -19,14 +20,11 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
 from lanes.files import read_telemetry
 from lanes.stills import find_lane
-from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.classic_lane import lane_result
-from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_drive import BENDS, SMALL, lane_lines
 
-SMALL = CAMERA.scaled((640, 360))
-SOLID = lane_lines(right={"dash_m": None})
-DRIVE = PaintedDrive(s_bend(), SOLID, motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+DRIVE = replace(BENDS, lines=lane_lines(right={"dash_m": None}))
 BLACK = np.zeros((360, 640, 3), np.uint8)
 ROWS = np.arange(240, 311, 10)
 
@@ -66,8 +64,7 @@ def test_stills_give_columns_of_the_raw_picture(system):
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
-    lane = find_lane(DRIVE.frame(0.0), SMALL)
-    estimate = estimator("detector")(DRIVE.frame(0.0))
+    lane, estimate = find_lane(DRIVE.frame(0.0), SMALL), estimator("detector")(DRIVE.frame(0.0))
     stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
     assert np.sqrt(np.diag(estimate.covariance)) == pytest.approx(stds)
     assert estimate.width_m == lane.width_m
@@ -146,19 +143,15 @@ def test_each_drive_starts_with_the_file_as_it_is_now_and_no_memory(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("content", "name", "message"),
-    [
-        (None, "find", "no such file"),
-        ("1 / 0", "find", "ZeroDivisionError"),
-        ("find = 3", "find", "no function 'find'"),
-    ],
+    ("content", "message"),
+    [(None, "no such file"), ("1 / 0", "ZeroDivisionError"), ("find = 3", "no function 'find'")],
 )
-def test_a_wrong_file_is_named(tmp_path, content, name, message):
+def test_a_wrong_file_is_named(tmp_path, content, message):
     file = tmp_path / "wrong.py"
     if content:
         file.write_text(content)
     with pytest.raises(ValueError, match=message):
-        load_finder(f"{file}:{name}")
+        load_finder(f"{file}:find")
 
 
 def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():

@@ -125,13 +125,12 @@ class TestFiles:
         assert pair_predictions(labels, found) == [(labels[0], None), (labels[1], found[0])]
 
     def test_paths_may_be_those_of_windows(self, tmp_path):
-        for k in (1, 2):
-            (tmp_path / "clips" / f"{k}").mkdir(parents=True)
-            write_image(tmp_path / "clips" / f"{k}" / "20.png", np.zeros((720, 1280, 3), np.uint8))
         # the pictures are opened to choose two of three lines
         lanes = [upright(column) for column in (200, 500, 800)]
-        path = self.write(tmp_path, *(self.entry(*lanes, name=f"clips\\{k}\\20.png") for k in (1, 2)))
-        labels = read_labels(path)
+        for k in (1, 2):
+            write_image(tmp_path / "clips" / f"{k}" / "20.png", np.zeros((720, 1280, 3), np.uint8))
+        entries = [self.entry(*lanes, name=f"clips\\{k}\\20.png") for k in (1, 2)]
+        labels = read_labels(self.write(tmp_path, *entries))
         assert [label.columns[:, 0].tolist() for label in labels] == [[500, 800]] * 2
         for pattern in ("/data/clips/{}/20.png", "D:\\clips\\{}\\20.png"):
             entries = [self.entry(upright(k), name=pattern.format(k)) for k in (2, 1)]

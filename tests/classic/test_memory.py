@@ -41,20 +41,15 @@ def test_recipe_a_keeps_its_average_and_reports_kept(fit):
     assert B.update(line(100)).update(None).search_prior == line(100)
 
 
-@pytest.mark.parametrize(("memory", "share"), [(C_LEFT, 0.05), (C_RIGHT, 0.15)])
-def test_recipe_c_blends_a_fit_with_a_small_weight(memory, share):
-    memory = after(memory, [line(100)])
+@pytest.mark.parametrize(("memory", "share", "bent"), [(C_LEFT, 0.05, 1), (C_RIGHT, 0.15, 2)])
+def test_recipe_c_blends_a_fit_with_a_small_weight_and_has_a_wider_curvature_gate_on_the_right(memory, share, bent):
+    memory = memory.update(line(100))
     blended = memory.update(line(200))
     assert blended.state == "kept"
     assert blended.fits[-1].coefficients[2] == pytest.approx(100 + share * 100)
     assert memory.update(line(149)).fits[-1] == line(149)
     assert memory.update(line(251)).fits == memory.fits
-
-
-def test_recipe_c_has_a_wider_curvature_gate_on_the_right():
-    bent = line(100, a=13e-5)
-    assert len(C_LEFT.update(line(100)).update(bent).fits) == 1
-    assert len(C_RIGHT.update(line(100)).update(bent).fits) == 2
+    assert len(memory.update(line(100, a=13e-5)).fits) == bent
 
 
 @pytest.mark.parametrize(("memory", "max_missed"), [(A, 25), (B, 25), (C_LEFT, 8), (C_RIGHT, 10)])

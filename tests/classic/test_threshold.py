@@ -20,8 +20,7 @@ def step(low, high, size=(40, 30)):
 
 
 def test_range_includes_both_ends():
-    channel = np.array([[9, 10, 20, 21]], np.uint8)
-    assert th.range_mask(channel, (10, 20)).tolist() == [[0, 255, 255, 0]]
+    assert th.range_mask(np.array([[9, 10, 20, 21]], np.uint8), (10, 20)).tolist() == [[0, 255, 255, 0]]
 
 
 @pytest.mark.parametrize(
@@ -37,14 +36,14 @@ def test_unknown_colour_space_is_named():
         th.split_channels(picture(GRAY), "CMYK")
 
 
-@pytest.mark.parametrize(("colour", "seen"), [(YELLOW, True), (YELLOW[::-1], False), (WHITE, False), (GRAY, False)])
-def test_yellow_is_yellow_only_in_rgb_order(colour, seen):
-    assert th.yellow_mask(picture(colour)).all() == seen
-
-
-@pytest.mark.parametrize(("colour", "seen"), [(YELLOW, True), (GRAY, False), ((20, 5, 5), False)])
-def test_saturation_needs_colour_and_light(colour, seen):
-    assert th.saturation_mask(picture(colour)).all() == seen
+@pytest.mark.parametrize(
+    ("colour", "yellow", "saturated"),
+    [(YELLOW, True, True), (YELLOW[::-1], False, True), (WHITE, False, False), (GRAY, False, False)]
+    + [((20, 5, 5), False, False)],
+)
+def test_yellow_needs_rgb_order_and_saturation_needs_colour_and_light(colour, yellow, saturated):
+    assert th.yellow_mask(picture(colour)).all() == yellow
+    assert th.saturation_mask(picture(colour)).all() == saturated
 
 
 def test_equalized_white_takes_the_brightest_few():
@@ -99,8 +98,7 @@ def test_masks_are_binaries_of_the_pictures_size(thresholds, size):
     masks = thresholds.masks(image)
     assert {"combined", *thresholds.candidates} <= set(masks)
     for mask in masks.values():
-        assert mask.shape == size[::-1]
-        assert mask.dtype == np.uint8
+        assert (mask.shape, mask.dtype) == (size[::-1], np.uint8)
         assert set(np.unique(mask)) <= {0, 255}
 
 

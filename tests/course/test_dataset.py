@@ -1,7 +1,5 @@
 """Data folders, their truth, and the comparison with it."""
 
-from __future__ import annotations
-
 import json
 
 import pytest
@@ -25,11 +23,8 @@ def test_embedded_data_by_default_and_lanes_data_by_environment(folder, monkeypa
     monkeypatch.setenv("LANES_DATA", str(folder))
     assert open_dataset().root == folder
     assert open_dataset().output.name == "output_real"
-
-
-def test_a_folder_without_boards_is_named_in_the_error(tmp_path):
-    with pytest.raises(DatasetError, match="has no camera_cal"):
-        open_dataset(tmp_path)
+    with pytest.raises(DatasetError, match="test_images: has no camera_cal"):
+        open_dataset(folder / "test_images")
 
 
 def test_stills_come_in_natural_order_and_by_name(folder):

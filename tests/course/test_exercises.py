@@ -1,7 +1,5 @@
 """What the check of an exercise prints, and right answers that differ from the folded solution."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -14,24 +12,18 @@ from course.exercises.verdict import NOT_TRIED, correct, hint
 from tests.support.painted_drive import CAMERA
 
 
-def test_an_answer_of_none_is_not_tried(capsys):
+def test_no_answer_and_an_error_in_the_answer_are_reported_in_one_line(monkeypatch, capsys):
     check_exercise("6.1", None)
     assert capsys.readouterr().out == "6.1: not tried yet.\n"
-
-
-def test_an_error_in_the_answer_is_reported_in_one_line(monkeypatch, capsys):
     monkeypatch.setitem(check.CHECKS, "0.1", lambda answer: correct(str(answer())))
     check_exercise("0.1", lambda: 1 / 0)
     assert capsys.readouterr().out == "0.1: your answer raised ZeroDivisionError: division by zero\n"
 
 
-def test_verdicts_in_words():
+def test_verdicts_and_unknown_numbers_in_words():
     assert str(correct("3.58 m.")) == "correct, 3.58 m."
     assert str(hint("Too wide.")) == "Too wide."
     assert not NOT_TRIED.correct
-
-
-def test_an_unknown_number_is_named():
     with pytest.raises(ValueError, match=r"'99\.1'.*6\.1"):
         check_exercise("99.1", 1)
 
@@ -49,8 +41,7 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(monkeypatch, columns):
     assert not chapter_06.check_lane_width((columns + 12) * across_m, **view).correct
 
 
-def test_a_list_is_as_good_as_a_pair():
-    """12.1: the state and its covariance."""
+def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
 
     def correct_gated(state, covariance, z, noise, matrix):
         return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))

@@ -45,7 +45,7 @@ def test_speed_may_change():
     assert path[-1] == pytest.approx([20 * TIME_S[-1], 0])
 
 
-def test_a_gap_is_left_out_and_bridged():
+def test_a_gap_is_left_out_and_bridged_and_nothing_known_is_an_error():
     with_gap = rows(1 / 300)
     with_gap["curvature_per_m"] = with_gap["curvature_per_m"].copy()
     with_gap["curvature_per_m"][[0, *range(100, 150)]] = np.nan
@@ -53,8 +53,5 @@ def test_a_gap_is_left_out_and_bridged():
     assert np.isnan(path[100:150]).all() and np.isnan(path[0]).all()
     assert path[1] == pytest.approx([0, 0])
     assert np.hypot(*(path[-1] - path[150])) == pytest.approx(np.hypot(*(whole[-1] - whole[150])))
-
-
-def test_nothing_known():
     with pytest.raises(ValueError, match="known in 1 of 500 frames"):
         integrate_path(rows(np.where(TIME_S == 0, 0.001, np.nan)), SPEED_MPS)

@@ -75,7 +75,7 @@ def test_the_tracker_is_never_confident_where_there_is_no_lane(road):
     assert np.mean(wrong) <= PROMISED[NO_LANE]
 
 
-# --- the published table, made by `python -m benchmark --seed 7 -o docs/benchmark`
+# The published table is made by `python -m benchmark --seed 7 -o docs/benchmark`.
 
 
 def scene_and_variant(name: str) -> tuple[str, int]:

@@ -1,23 +1,26 @@
-"""Form of the notebook; nbval compares its numbers and figures (see the Makefile)."""
+"""Form of the notebook, whose numbers and figures nbval compares (see the Makefile), and of helpers.py, its import."""
 
 from __future__ import annotations
 
+import ast
 import json
 import re
+import subprocess
+import sys
 
 import numpy as np
 
+import helpers
 from course.exercises.check import CHECKS
 from tests.end_to_end.nbval_plugin import figure_fault
 from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, wrong
-
-# Cells whose output may differ between runs: none.
-MAY_IGNORE_OUTPUT: set[str] = set()
-
+from tests.support.project import ROOT
 
 TEXT = NOTEBOOK.read_text(encoding="utf-8")
 CELLS = json.loads(TEXT)["cells"]
 CODE_CELLS = [cell for cell in CELLS if cell["cell_type"] == "code"]
+BODY = ast.parse((ROOT / "helpers.py").read_text(encoding="utf-8")).body
+NAMES = [alias.name for node in BODY if isinstance(node, ast.ImportFrom) for alias in node.names]
 
 
 def source(cell: dict) -> str:
@@ -34,9 +37,8 @@ def test_is_executed_from_top_to_bottom_without_errors():
 
 def test_nothing_is_hidden_from_the_comparison():
     for cell in CODE_CELLS:
-        tags = set(cell["metadata"].get("tags", []))
-        assert not tags & {"nbval-skip", "raises-exception", "nbval-raises-exception"}, source(cell)
-        assert "nbval-ignore-output" not in tags or cell["id"] in MAY_IGNORE_OUTPUT, source(cell)
+        hiding = {"nbval-skip", "nbval-ignore-output", "raises-exception", "nbval-raises-exception"}
+        assert not hiding & set(cell["metadata"].get("tags", [])), source(cell)
         # the sliders' cell shows nothing, so it hides nothing
         assert "NBVAL_" not in source(cell) or not cell["outputs"], source(cell)
 
@@ -98,3 +100,30 @@ def test_figure_comparison_notices_a_change():
     assert figure_fault([figure], [figure + 0]) is None
     assert "differ strongly" in figure_fault([figure], [moved])
     assert "instead of" in figure_fault([figure], [])
+
+
+def test_helpers_lists_what_the_notebook_uses_and_each_name_once():
+    used = set(re.findall(r"helpers\.(\w+)", "".join(map(source, CELLS)))) - {"py"}
+    assert len(used) > 40
+    assert sorted(NAMES) == sorted(used)
+
+
+def test_every_helper_is_documented_and_defined_elsewhere():
+    assert not [name for name in NAMES if not (getattr(helpers, name).__doc__ or name.isupper())]
+    assert not [node for node in BODY if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+
+
+def test_importing_helpers_loads_nothing_slow():
+    """matplotlib and moviepy take seconds to load from a cold disk; finding lanes needs no simulator."""
+    slow = ("simulator", "matplotlib", "moviepy", "scipy", "PIL", "imageio", "imageio_ffmpeg", "IPython")
+    code = f"import sys, helpers; print(*sys.modules.keys() & {set(slow)}, len(dir(helpers)))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
+    assert int(done.stdout) >= len(NAMES)
+
+
+def test_the_notebook_imports_only_what_the_course_allows():
+    tree = ast.parse(re.sub(r"^\s*[%!].*$", "", "\n".join(map(source, CODE_CELLS)), flags=re.M))
+    named = [alias.name for node in ast.walk(tree) if isinstance(node, ast.Import) for alias in node.names]
+    named += [node.module for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)]
+    modules = {name.partition(".")[0] for name in named}
+    assert modules <= {"helpers", "numpy", "cv2", "matplotlib", "moviepy", "IPython", "pathlib", "dataclasses"}

@@ -82,8 +82,7 @@ def test_forbidden_code_is_noticed(line):
     assert faults(ast.parse(line), "lanes/x.py")
 
 
-def test_yaml_is_read_without_tags():
-    """The only loader is a subclass of the safe one."""
+def test_the_only_yaml_loader_is_a_subclass_of_the_safe_one():
     tree = SOURCES["lanes/camera.py"]
     loaders = {ast.unparse(node.args[1]) for called, node in calls(tree) if called == "yaml.load"}
     classes = {node.name: node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)}
@@ -109,8 +108,7 @@ def test_the_lock_pins_every_package_with_hashes_and_names_no_host(locked):
         assert hashes and all(re.fullmatch(r"[0-9a-f]{64}", digits) for digits in hashes), name
 
 
-def test_the_lock_is_complete(locked):
-    """Each requirement of an installed package of the lock is in the lock too."""
+def test_the_lock_has_each_requirement_of_its_installed_packages(locked):
     for name in locked:
         try:
             requires = metadata.requires(name) or []

@@ -1,8 +1,7 @@
 """The tools: ablation, fit of the confidence, samples for the network, soak test (without its run of an hour)."""
 
-from __future__ import annotations
-
 from dataclasses import replace
+from operator import attrgetter
 
 import numpy as np
 import pytest
@@ -15,16 +14,15 @@ from lanes.detect.network import finer_view
 from lanes.files import write_telemetry
 from lanes.track.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_video
-from simulator.rendering.drive import Motion
 from simulator.road.truth import truth_row
 from tests.support.clips import write_drive
-from tests.support.painted_drive import SMALL, PaintedDrive, Stripe, lane_lines, s_bend
+from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic
 from tools.marking_samples import UNKNOWN, connect_dots, label_cells, take_sample
-from tools.soak import describe_memory, largest_differences, packet_times, repeat_drive
+from tools.soak import largest_differences, packet_times, repeat_drive
 
 
 @pytest.fixture(scope="module")
@@ -56,10 +54,7 @@ def test_each_mechanism_changes_exactly_its_settings(mechanism):
     settings, default = mechanism.settings(), TrackerSettings()
     assert settings != default
     for path in mechanism.off:
-        value = default
-        for name in path.split("."):
-            value = getattr(value, name)
-        settings = with_value(settings, path.split("."), value)
+        settings = with_value(settings, path.split("."), attrgetter(path)(default))
     assert settings == default
 
 
@@ -84,15 +79,14 @@ class TestTheFit:
         assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
 
     def test_lanes_are_judged_by_their_own_truth(self):
-        drive = PaintedDrive(s_bend(), (Stripe(1.8), Stripe(-1.8)), camera=SMALL)
-        rows = [truth_row(drive.truth(i / 12.5), frame=i) for i in range(9)]
+        rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(9)]
         truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-        frames = [drive.frame(i / 12.5) for i in range(9)]
-        followed, alone = label_lanes(frames, drive.camera, truth, fps=12.5, number=7)
+        frames = [BENDS.frame(i / 12.5) for i in range(9)]
+        followed, alone = label_lanes(frames, BENDS.camera, truth, fps=12.5, number=7)
         assert [len(followed), len(alone)] == [9, 3]
         assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
         aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-        assert not any(row[-3] for rows in label_lanes(frames, drive.camera, aside, fps=12.5, number=7) for row in rows)
+        assert not any(row[-3] for rows in label_lanes(frames, BENDS.camera, aside, fps=12.5, number=7) for row in rows)
 
 
 CAMERA = dashcam()
@@ -145,8 +139,7 @@ FRAMES, TURNS = 12, 4
 
 
 def test_a_repeated_drive_has_every_frame_and_its_sound(tmp_path):
-    drive = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0), camera=SMALL)
-    source, long = write_drive(tmp_path / "short.mp4", drive, FRAMES), tmp_path / "long.mp4"
+    source, long = write_drive(tmp_path / "short.mp4", BENDS, FRAMES), tmp_path / "long.mp4"
     repeat_drive(source, long, TURNS)
     assert inspect_video(long).frames == FRAMES * TURNS
     np.testing.assert_allclose(packet_times(long, "video"), np.arange(FRAMES * TURNS) / 25, atol=1e-3)
@@ -170,10 +163,3 @@ def test_drift_grows_the_differences(tmp_path, drift, last):
     assert found["offset_m"][0] == pytest.approx(0.01 + 2 * drift, abs=1e-6)
     assert found["offset_m"][1] == pytest.approx(last, abs=0.003)
     assert found["state"] == (0, pytest.approx(1 / FRAMES))
-
-
-def test_growing_memory_is_shown():
-    seconds = np.arange(0, 3600, 5.0)
-    text = describe_memory(np.column_stack([seconds, 200 + seconds / 36]))
-    assert "+100.0 MB an hour" in text
-    assert len(text.splitlines()) == 12

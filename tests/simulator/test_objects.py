@@ -46,8 +46,8 @@ def changed(objects, lens=None) -> np.ndarray:
     return np.abs(draw(objects, lens) - EMPTY).max(axis=2) > 0.02
 
 
-def straight_wall(y: float, kind: str, side: int, *, start: float = -4.0) -> Wall:
-    x = np.arange(start, 150.0)
+def straight_wall(y: float, kind: str, side: int) -> Wall:
+    x = np.arange(-4.0, 150.0)
     return Wall(np.column_stack([x, np.full(len(x), y)]), kind, side)
 
 
@@ -77,17 +77,18 @@ def test_car_fills_its_projected_box(x, y):
     assert box[:, 1].min() - 2 <= rows.min() <= box[:, 1].min() + 0.2 * (rows.max() - rows.min())
 
 
-def test_wall_stands_between_its_lines():
+@pytest.mark.parametrize("side", [1, -1])
+def test_wall_stands_between_its_lines(side):
     lens = camera()
     s = np.arange(2.0, 100, 1.0)
-    mask = changed([Wall(np.column_stack([s, 3.0 + s**2 / 1600]), "jersey", 1)], lens)
+    mask = changed([Wall(np.column_stack([s, side * (3.0 + s**2 / 1600)]), "jersey", side)], lens)
     # Middle of the traffic face: half way up, 0.1 m behind the foot.
     x = np.array([8.0, 15.0, 30.0])
-    face = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 + 0.1, np.full(3, 0.4)]))
-    foot = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 - 0.25, np.zeros(3)]))
-    for (u, v), (u0, v0) in zip(np.round(face).astype(int), np.round(foot).astype(int), strict=True):
-        assert mask[v, u]
-        assert not mask[v0, u0]
+    face = lens.road_to_pixels(np.column_stack([x, side * (3.0 + x**2 / 1600 + 0.1), np.full(3, 0.4)]))
+    foot = lens.road_to_pixels(np.column_stack([x, side * (3.0 + x**2 / 1600 - 0.25), np.zeros(3)]))
+    for points, painted in ((face, True), (foot, False)):
+        u, v = np.round(points).astype(int).T
+        assert (mask[v, u] == painted).all()
 
 
 def test_parts_behind_the_camera_are_clipped():
@@ -107,7 +108,6 @@ def test_near_objects_hide_far_ones_in_any_order():
 
 
 def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
-    """Objects behind an opaque canvas with a window are visible in the window only."""
     picture, window = new_canvas(360, 640), (slice(150, 260), slice(200, 460))
     picture[3] = 0
     picture[3][window] = 1
@@ -118,20 +118,6 @@ def test_objects_are_painted_only_where_nearer_ones_leave_them_visible():
     assert np.ptp(seen[window]) > 0.3
     seen[window] = 0
     assert not seen.any()
-
-
-def test_mirrored_world_gives_the_mirrored_picture():
-    """With a symmetric lens, mirrored cars and walls give the mirrored image."""
-    matrix = np.array([[580.0, 0, 319.5], [0, 580.0, 190.0], [0, 0, 1]])
-    lens = Camera(640, 360, matrix, np.array([-0.24, -0.02, 0, 0, 0]), CameraPose(1.3, np.radians(-1.5)))
-    left = [Car(15.0, 2.5, 0.1, "silver"), straight_wall(3.9, "jersey", 1, start=1.0)]
-    right = [Car(15.0, -2.5, -0.1, "silver"), straight_wall(-3.9, "jersey", -1, start=1.0)]
-    one = draw(left, lens)
-    other = draw(right, lens, sun=SUN * [1, -1, 1])[:, ::-1]
-    difference = np.abs(one - other).max(axis=2)
-    assert difference.mean() < 2e-3
-    assert (difference > 0.1).mean() < 2e-3
-    assert np.abs(one - one[:, ::-1]).mean() > 0.01, "the scene itself is not symmetric"
 
 
 def test_side_towards_the_sun_is_brighter():
@@ -166,15 +152,13 @@ def test_kerb_follows_the_road():
 
 def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
     before = np.full((720, 1280, 3), 0.5, np.float32)
-    lens = camera().scaled((1280, 720))
 
     def with_bonnet(seed):
         picture = new_canvas(720, 1280)
         paint_bonnet(picture, seed=seed)
         return composite_over(picture, before)
 
-    after = with_bonnet(3)
-    edge = bonnet_outline(lens.size)
+    after, edge = with_bonnet(3), bonnet_outline((1280, 720))
     assert edge.shape == (1280,) and edge.min() > 650 and edge.max() < 692
     np.testing.assert_array_equal(after[:640], before[:640])
     assert after[700:].mean() < 0.3 and after[700:, :, 0].mean() > after[700:, :, 2].mean()

@@ -1,24 +1,31 @@
-"""Rendered frames: determinism, symmetry, occlusion, shadows and the camera's development."""
+"""Rendered frames and videos: determinism, bridge shadows, order of the processes; files are complete or absent."""
 
 from __future__ import annotations
 
+import multiprocessing
+import re
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from lanes.camera import Camera
+from lanes.camera import load_camera
+from lanes.files import read_telemetry
 from lanes.images import read_image
-from simulator.light.lens import Lens
+from lanes.video.reader import read_video
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import BridgeShade
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
+from simulator.rendering.video import VIDEO_FPS, write_video
 from simulator.road.albedo import ground_albedo
 from simulator.road.geometry import line_polynomial
 from simulator.road.ground import cast_on_ground, pixel_rays
 from simulator.road.road_ahead import RoadAhead
 from simulator.scenes.stills import still_scenes
-from tests.simulator.small_drive import POSE, SMALL, small_drive
+from tests.simulator.small_drive import POSE, SMALL, TINY, small_drive
+from tests.support.command_line import main
 
 
 def test_picture_depends_on_the_seed_only():
@@ -29,35 +36,6 @@ def test_picture_depends_on_the_seed_only():
     ground = cast_on_ground(pixel_rays(SMALL), SMALL, road)
     one, other = (ground_albedo(drive.surface, ground, station_m=60.0, seed=seed) for seed in (5, 6))
     assert not np.array_equal(one, other)
-
-
-def test_mirrored_scene_gives_mirrored_lines():
-    """With mirrored road, car, markings and camera, the columns of the lines are mirrored."""
-    drive = small_drive()
-    flipped_matrix = SMALL.matrix.copy()
-    flipped_matrix[0, 2] = SMALL.width - 1 - SMALL.matrix[0, 2]
-    distortion = SMALL.distortion * [1, 1, 1, -1, 1]
-    pose = replace(POSE, yaw_rad=-POSE.yaw_rad, roll_rad=-POSE.roll_rad)
-    camera = Camera(SMALL.width, SMALL.height, flipped_matrix, distortion, pose)
-    mirrored = replace(
-        drive,
-        camera=camera,
-        road=replace(drive.road, curvatures_per_m=-drive.road.curvatures_per_m),
-        motion=replace(drive.motion, offset_m=-0.3, heading_rad=-0.01),
-        markings=tuple(replace(m, lateral_m=-m.lateral_m) for m in drive.markings),
-        surface=replace(
-            drive.surface,
-            right_edge_m=-drive.surface.left_edge_m,
-            left_edge_m=-drive.surface.right_edge_m,
-            lane_centres_m=tuple(-centre for centre in drive.surface.lane_centres_m),
-            seams=tuple(replace(seam, lateral_m=-seam.lateral_m) for seam in drive.surface.seams),
-        ),
-    )
-    assert mirrored.truth().offset_m == -drive.truth().offset_m
-    ours = (render_frame(drive).image[..., 2] > 180)[200:]
-    theirs = (render_frame(mirrored).image[..., 2] > 180)[200:, ::-1]
-    assert ours.sum() > 300
-    assert (ours != theirs).mean() < 2e-3
 
 
 def test_pitch_motion_changes_the_pitch_of_the_truth_not_its_lines():
@@ -83,3 +61,40 @@ def test_bridge_shades_only_the_road_below_it():
     assert ratio[under[1], under[0]].max() < 0.6
     assert ratio[before[1], before[0]].min() > 0.9
     assert ratio[beyond[1], beyond[0]].min() > 0.9
+
+
+def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
+    shade = BridgeShade(66.0, 76.0)
+    drive = small_drive(motion=Motion(60.0, 20.0), camera=TINY, shades=(shade,), exposure=AutoExposure(0.5, 0.8))
+    calls = []
+    for workers in (1, 2):
+        options = {"seconds": 0.28, "workers": workers, "progress": lambda *done: calls.append(done)}
+        video, csv_file, camera_file = write_video(tmp_path / f"{workers}.mp4", drive=drive, **options)
+    assert calls == 2 * [(number, 7) for number in range(1, 8)]
+    for suffix in (".mp4", ".csv", ".yaml"):
+        assert (tmp_path / f"1{suffix}").read_bytes() == (tmp_path / f"2{suffix}").read_bytes()
+    assert read_telemetry(csv_file)["frame"].tolist() == list(range(7))
+    assert load_camera(camera_file).pose == POSE
+    pictures = [frame.astype(float) for frame in read_video(video)]
+    # Each image belongs to its own time, not to that of a neighbour.
+    rendered = [render_frame(drive, number / VIDEO_FPS).image for number in range(7)]
+    nearest = [np.argmin([np.abs(picture - other).mean() for other in rendered]) for picture in pictures]
+    assert nearest == list(range(7))
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_interrupted_video_leaves_no_files(tmp_path, workers):
+    def interrupt(done: int, total: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        options = {"seconds": 0.2, "workers": workers, "progress": interrupt}
+        write_video(tmp_path / "a.mp4", drive=small_drive(camera=TINY), **options)
+    assert list(tmp_path.iterdir()) == []
+    assert multiprocessing.active_children() == []
+
+
+def test_message_names_an_unwritable_folder(tmp_path, capsys):
+    (tmp_path / "file").write_text("in the way")
+    assert main(["simulator", "--out", str(tmp_path / "file")]) == 1
+    assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)

@@ -95,3 +95,4 @@ def test_a_writer_without_tags_uses_bt601(tmp_path, width, height):
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
     padded = np.pad(patches(width, height), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
     assert_shows(tmp_path / "out.mp4", padded, 6)
+    np.testing.assert_allclose(next(read_video(tmp_path / "out.mp4"))[-1, ::16].astype(int), padded[-1, ::16], atol=6)

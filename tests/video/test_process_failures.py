@@ -51,7 +51,6 @@ def test_exception_in_the_function(video, earlier, error):
     ("number", "status"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, -signal.SIGINT)]
 )
 def test_stopped_from_outside(video, earlier, number, status, sigint):
-    """A real process gets a real signal in the middle of its work."""
     code = (
         "import sys, time\n"
         "from lanes.video.process import process_video\n"
