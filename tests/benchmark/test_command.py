@@ -63,7 +63,7 @@ class TestCommand:
         tracker = scenes[list(SYSTEMS).index("tracker")]
         assert (tracker["frames"], tracker["available_share"], tracker["accuracy"]) == (FRAMES, 1, 1)
         assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
-        assert all(row["time_median_ms"] > 0 and row["workers"] == 2 for row in scenes)
+        assert all(row["time_median_ms"] > 0.2 and row["workers"] == 2 for row in scenes)
         assert {row["machine"] for row in rows} == {describe_machine()}
         for name in ("benchmark.png", "reliability.png"):
             assert read_image(folder / "out" / name).std() > 5

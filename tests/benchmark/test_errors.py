@@ -68,11 +68,15 @@ def shifted(estimates: DriveEstimates, shift_m: np.ndarray | float) -> DriveEsti
 
 
 def test_the_truth_has_no_error():
-    row = score([frame_errors(perfect(truth()), truth())])
+    errors = frame_errors(perfect(truth()), truth())
+    row = score([errors])
     assert row["available_share"] == row["accuracy"] == 1
     assert row["confident_and_wrong_share"] == row["recovery_longest_frames"] == 0
     assert [row[name] for name in row if name.endswith(("_m", "_rad"))] == pytest.approx([0] * 16)
     assert row["time_median_ms"] == 7
+    # the 95th percentile of 20 drives is the 19th
+    row = score([replace(errors, offset_m=np.full(N, float(k))) for k in range(1, 21)])
+    assert (row["offset_median_m"], row["offset_p95_m"]) == (10, 19)
 
 
 def test_a_shifted_lane_has_the_shift_as_error():

@@ -169,4 +169,5 @@ def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
 
     row = score_video(VIDEO, finder(0.0), end_s=2, every=5, name="truth")
     assert (row["system"], row["frames"], row["accuracy"]) == ("truth", 10, 1.0)
+    assert row["lateral_5_20m_p95_m"] < 0.005
     assert score_video(VIDEO, finder(0.4), end_s=2, every=5, name="shifted")["accuracy"] == 0

@@ -65,6 +65,6 @@ def test_a_line_missed_too_often_is_deleted(memory, max_missed):
 
 
 def test_limits_scale_with_the_picture():
-    half = A.update(line(100)).scaled(0.5, 0.5)
-    assert half.accept_limits == pytest.approx((0.002, 1.0, 50))
-    assert half.fits == ()
+    small = A.update(line(100)).scaled(0.5, 0.25)
+    assert small.accept_limits == pytest.approx((0.008, 2.0, 50))
+    assert small.fits == ()

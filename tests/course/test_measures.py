@@ -33,13 +33,14 @@ def truth() -> dict:
     return {"x_m": X.tolist(), "left_y_m": left.lateral_m(X).tolist(), "right_y_m": right.lateral_m(X).tolist()}
 
 
-def test_the_worst_lateral_error_is_that_of_both_lines_within_the_range():
+def test_the_worst_lateral_error_in_words_and_metres_is_that_of_both_lines_within_the_range():
     # the right line departs from the truth by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
     found = lane_result(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
     assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
     assert worst_lateral_error_m(found, None) is None
     for lost in (None, lane_result(None, None, "lost")):
         assert worst_lateral_error_m(lost, truth()) == worst_lateral_error_m(lost, None) == np.inf
+    assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
 
 
 def test_each_frame_of_a_drive_has_its_own_worst_place():
@@ -84,10 +85,6 @@ def test_the_recall_of_a_dash_is_its_length_of_one_line():
     assert marking_recall(dash, truth()) == pytest.approx(0.2, abs=0.01)
     assert marking_recall(dash + [0, 0.3], truth()) == marking_recall(np.empty((0, 2)), truth()) == 0
     assert marking_recall(np.empty((0, 2)), None) is None
-
-
-def test_errors_are_worded():
-    assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
 
 
 def test_lane_width_in_columns_is_that_of_the_drawn_lane():

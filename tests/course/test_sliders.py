@@ -12,10 +12,7 @@ from classic.threshold import saturation_mask
 from course.sliders import tune_threshold
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
-
-@pytest.fixture(scope="module")
-def picture() -> np.ndarray:
-    return Road(dashcam()).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
+PICTURE = Road(dashcam()).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
 
 
 def right_half(box) -> np.ndarray:
@@ -24,9 +21,9 @@ def right_half(box) -> np.ndarray:
     return picture[:, picture.shape[1] // 2 :].astype(int)
 
 
-def test_the_mask_follows_the_slider(picture):
+def test_the_mask_follows_the_slider():
     pytest.importorskip("ipywidgets", reason="the sliders are optional")
-    box = tune_threshold(picture, saturation_mask, saturation=(0, 255, (100, 255)), lightness=(0, 255, (30, 255)))
+    box = tune_threshold(PICTURE, saturation_mask, saturation=(0, 255, (100, 255)), lightness=(0, 255, (30, 255)))
     saturation, lightness, _ = box.children
     assert (saturation.description, saturation.value, lightness.value) == ("saturation", (100, 255), (30, 255))
     some = right_half(box)
@@ -37,9 +34,9 @@ def test_the_mask_follows_the_slider(picture):
     np.testing.assert_array_equal(right_half(box), some)
 
 
-def test_without_ipywidgets_a_message_says_how_to_install_it(picture, monkeypatch, capsys):
+def test_without_ipywidgets_a_message_says_how_to_install_it(monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ipywidgets", None)
-    assert tune_threshold(picture, saturation_mask, saturation=(0, 255, (100, 255))) is None
+    assert tune_threshold(PICTURE, saturation_mask, saturation=(0, 255, (100, 255))) is None
     assert capsys.readouterr().out == (
         "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again.\n"
     )

@@ -18,6 +18,7 @@ from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from simulator.rendering import video
 from simulator.scenes.motorway import project_video
+from tests.end_to_end.test_commands import names
 from tests.support.clips import write_drive
 from tests.support.command_line import popen, run, start
 from tests.support.painted_drive import BENDS
@@ -48,10 +49,6 @@ for turn in range(int(sys.argv[2])):
             writer.write(image)
 """
 NAMES = {f"a.{suffix}" for suffix in ("png", "jsonl", "csv", "yaml", "html", "mp4")}
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()}
 
 
 def require_whole(folder: Path) -> None:

@@ -36,11 +36,11 @@ def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, 
 
 
 def test_the_cache_is_outside_the_project_and_can_be_named(tmp_path, monkeypatch):
-    monkeypatch.delenv("LANES_CACHE", raising=False)
-    assert PROJECT_ROOT not in cache_folder().parents
+    assert scene_path("motorway", tmp_path / "own").parent == tmp_path / "own"
     monkeypatch.setenv("LANES_CACHE", str(tmp_path))
     assert scene_path("motorway").parent == tmp_path
-    assert scene_path("motorway", tmp_path / "own").parent == tmp_path / "own"
+    monkeypatch.delenv("LANES_CACHE")
+    assert PROJECT_ROOT not in cache_folder().parents
 
 
 @pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)

@@ -79,6 +79,8 @@ def test_lane_change_switches_the_lane_when_the_middle_of_the_car_crosses_the_li
     # The right line becomes the left one.
     assert before.right.c0_m == pytest.approx(after.left.c0_m, abs=0.1)
     assert offsets[0] == pytest.approx(0.2) and offsets[-1] == pytest.approx(0.2)
+    # The lane on the outside of the bend has the larger radius.
+    assert [1 / truths[at].curvature_per_m for at in (0, -1)] == pytest.approx([800.0, 803.6])
 
 
 def test_truth_rows_are_empty_without_a_lane(tmp_path):
