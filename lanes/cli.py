@@ -53,7 +53,8 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a board, or folder")
+        words = "picture of a chessboard, or folder of pictures"
+        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
         words = "inner corners of the board (default: 9x6)"
         parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
         words = "also write a picture of all boards with their corners"
