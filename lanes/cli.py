@@ -346,8 +346,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    height, width = next(sample_images(files, 1)).shape[:2]
-    return settings.camera_for((width, height), files[0])
+    return settings.camera_for(next(sample_images(files, 1)).shape[1::-1], files[0])
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
