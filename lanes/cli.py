@@ -53,7 +53,8 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a board, or folder")
+        words = "picture of a chessboard, or folder of pictures"
+        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
         words = "inner corners of the board (default: 9x6)"
         parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
         words = "also write a picture of all boards with their corners"
@@ -345,8 +346,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    height, width = next(sample_images(files, 1)).shape[:2]
-    return settings.camera_for((width, height), files[0])
+    return settings.camera_for(next(sample_images(files, 1)).shape[1::-1], files[0])
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
