@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
+import cv2
 import numpy as np
 
 from classic.finder import LaneFinder, LaneResult
@@ -15,11 +16,12 @@ from lanes.canvas import (
     WINDOW_COLOUR,
     Colour,
     blend_polygon,
-    draw_mosaic,
+    darken,
     draw_polyline,
     finite_points,
+    line_height,
     put_text,
-    to_rgb,
+    text_margin,
 )
 from lanes.describe import describe_bend, describe_offset
 from lanes.images import require_rgb
@@ -62,6 +64,42 @@ def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarra
     view = result.warp.image_to_birdseye(result.undistorted)
     thumbnails = {"binary": result.warped_binary, "view": view, "search": draw_search(result)}
     return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
+
+
+def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
+    """A copy of the image with thumbnails, and text to their right, on a dark strip along the upper quarter.
+
+    `thumbnails` are RGB images or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
+    `lines` of text take the right 30 % of the strip.
+    """
+    drawn = require_rgb(image).copy()
+    height, width = image.shape[:2]
+    strip, margin, title_px = drawn[: height // 4], max(2, height // 90), max(6, height // 36)
+    darken(strip, 0.75)
+    left, top = margin, margin + line_height(title_px)
+    room = int((width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin), len(strip) - margin - top
+    for title, thumbnail in thumbnails.items():
+        large = to_rgb(thumbnail)
+        scale = min(room[0] / large.shape[1], room[1] / large.shape[0])
+        size_px = max(1, int(large.shape[1] * scale)), max(1, int(large.shape[0] * scale))
+        right = left + size_px[0]
+        strip[top : top + size_px[1], left:right] = cv2.resize(large, size_px, interpolation=cv2.INTER_AREA)
+        above = strip[:, max(0, left - text_margin(title_px)) : right + margin]
+        put_text(above, title, size_px=title_px, panel_alpha=0)
+        left = right + margin
+    if lines:
+        put_text(strip[:, left:], lines, size_px=round(height / 24), panel_alpha=0)
+    return drawn
+
+
+def to_rgb(image: np.ndarray) -> np.ndarray:
+    """A new RGB image from RGB, gray (height, width) uint8, or a mask of bool or of 0 and 1."""
+    image = np.asarray(image)
+    if image.ndim == 2:
+        if image.dtype == bool or (image.size and image.max() <= 1):
+            image = (image > 0).astype(np.uint8) * 255
+        image = np.repeat(image[:, :, None], 3, axis=2)
+    return require_rgb(image).copy()
 
 
 def follow_lane(

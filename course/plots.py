@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from benchmark.reporting.figures import TRUTH_LOOK
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
-from lanes.figures import TRUTH_LOOK, draw_on_road_grid, new_figure, rgb
+from lanes.figures import draw_on_road_grid, new_figure, rgb
 from lanes.report.moments import runs
 
 if TYPE_CHECKING:

@@ -54,11 +54,6 @@ class DriveSettings:
     report: bool = True
     progress: bool = True
 
-    @property
-    def part(self) -> dict[str, Any]:
-        """Start and end of the part of a video, as arguments by name."""
-        return {"start_s": self.start_s, "end_s": self.end_s}
-
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with images of `size` (width, height); CameraError if it has another aspect ratio."""
         if self.camera is None:
@@ -222,7 +217,8 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height), video)
-    images = sample_images([video], POSE_PICTURES, require=camera.require_size, infos={video: info}, **settings.part)
+    options: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "infos": {video: info}}
+    images = sample_images([video], POSE_PICTURES, require=camera.require_size, **options)
     try:
         return info, *ensure_pose(camera, images)
     except PoseError as error:
@@ -240,16 +236,16 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         began_s = time.perf_counter()
         table = TelemetryWriter(target.with_suffix(".csv"))
         function = track_lane(LaneTracker(camera, fps=info.fps), camera, style=settings.style)
-        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info, **settings.part}
+        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
         # Decoder, tracker and encoder already run in a thread each.
         with opencv_threads(1):
-            written = process_video(video, target, function, **options)
+            written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
         count, missing = written.frames, written.missing
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
         outputs: tuple[Path, ...] = (target, table.path)
         if settings.report:
-            used = _describe_settings(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
+            used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
             page = target.with_suffix(".html")
             outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
@@ -267,9 +263,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 
-def _describe_settings(
-    video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings
-) -> dict[str, str]:
+def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
         lens = f"{settings.field_of(video).words}, not calibrated"
@@ -334,7 +328,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
 
 
 @dataclass(frozen=True, eq=False)
-class DetectedStill:
+class StillResult:
     """A still with its detection, the time of the detection, and its pose estimate (None if the camera had a pose)."""
 
     path: Path
@@ -344,9 +338,7 @@ class DetectedStill:
     run_time_ms: float
 
 
-def detect_stills(
-    stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
-) -> Iterator[DetectedStill]:
+def detect_stills(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
     """What is found in each still, one after the other; errors of stills that cannot be used go to `failures`.
 
     If none of the stills can be used, the errors are raised as one.
@@ -363,9 +355,7 @@ def detect_stills(
         raise type(failures[-1])("\n".join(map(str, failures)))
 
 
-def _detect_group(
-    stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]
-) -> Iterator[DetectedStill]:
+def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
     """What is found in each still of one camera; raises LaneError if its pose cannot be estimated."""
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
@@ -392,4 +382,4 @@ def _detect_group(
         image, began_s = image if alone else read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
         detection = pose.still if pose and pose.still else detect_still(image, camera)
-        yield DetectedStill(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))
+        yield StillResult(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))

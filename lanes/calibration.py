@@ -91,15 +91,15 @@ def find_boards(
     boards: dict[str, Board] = {}
     unused: dict[str, str] = {}
     for done, (name, path) in enumerate(names.items(), 1):
+        reason = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
         try:
             board = find_board(read_image(path), pattern)
         except PictureError as error:
-            unused[name] = str(error)
+            board, reason = None, str(error)
+        if board:
+            boards[name] = board
         else:
-            if board is None:
-                unused[name] = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
-            else:
-                boards[name] = board
+            unused[name] = reason
         if progress:
             progress(done, len(paths))
     return BoardDetections(names, pattern, boards, unused)
@@ -155,10 +155,8 @@ def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int],
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == MIN_VIEWS or errors[worst] <= _largest_error_px(errors):
             return camera
-        median = np.median(list(errors.values()))
-        rejected[worst] = (
-            f"error {errors[worst]:.2f} px, more than {OUTLIER_RATIO} times the median board's {median:.2f}"
-        )
+        limit = f"{OUTLIER_RATIO} times the median board's {np.median(list(errors.values())):.2f}"
+        rejected[worst] = f"error {errors[worst]:.2f} px, more than {limit}"
         del boards[worst]
 
 
@@ -297,29 +295,24 @@ def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarra
     for name, path in detections.paths.items():
         colour = LEFT_COLOUR if name not in errors else WINDOW_COLOUR if "corners" in uses[name] else LANE_COLOUR
         label = [name, f"{errors[name]:.2f} px, {uses[name]}" if name in errors else uses[name]]
-        tiles.append(_draw_tile(_draw_corners(path, detections.boards.get(name)), label, colour))
+        tiles.append(_draw_tile(path, detections.boards.get(name), label, colour))
     columns = min(5, len(tiles))
     tiles += [np.full_like(tiles[0], PANEL_COLOUR)] * (-len(tiles) % columns)
     return np.vstack([np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)])
 
 
-def _draw_corners(path: Path, board: Board | None) -> np.ndarray:
-    """A picture at the size of a tile, with the corners of its board; black if it cannot be read."""
+def _draw_tile(path: Path, board: Board | None, label: list[str], colour: Colour) -> np.ndarray:
+    """A picture with the corners of its board below a label, in a frame of that colour; black if it cannot be read."""
     try:
         image = read_image(path)
     except PictureError:
-        return np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
+        image = np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
     scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    if board is None:
-        return small
-    return draw_board(small, replace(board, corners_px=resize_points(board.corners_px, scale).astype(np.float32)))
-
-
-def _draw_tile(image: np.ndarray, label: list[str], colour: Colour) -> np.ndarray:
-    """An image not larger than a tile below its label, in a frame of that colour."""
+    if board:
+        small = draw_board(small, replace(board, corners_px=resize_points(board.corners_px, scale).astype(np.float32)))
     tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
-    left = (TILE_PX[0] - image.shape[1]) // 2
-    tile[LABEL_PX : LABEL_PX + image.shape[0], left : left + image.shape[1]] = image
+    left = (TILE_PX[0] - small.shape[1]) // 2
+    tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
     put_text(tile[:LABEL_PX], label, size_px=13, panel_alpha=0)
     return cv2.copyMakeBorder(tile, 6, 6, 6, 6, cv2.BORDER_CONSTANT, value=colour)

@@ -237,8 +237,7 @@ class Camera:
 
         Beyond it the polynomial decreases and would map points far outside the field of view into the image.
         """
-        k1, k2, _, _, k3 = self.distortion
-        return _largest_ray(float(k1), float(k2), float(k3))
+        return _largest_ray(*np.ravel(self.distortion)[[0, 1, 4]].tolist())
 
     def _project(self, points: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) of points (N, 3) in camera axes by the Brown-Conrady model; NaN where it does not hold.

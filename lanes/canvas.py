@@ -1,19 +1,16 @@
 """Lines, areas and text on RGB images.
 
 Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at integers, accurate to 1/16 px.
-`draw_polyline`, `blend_polygon` and `put_text` draw in place. `draw_mosaic` and `to_rgb` return a new image; they raise
-PictureError if the image is not RGB (height, width, 3), uint8.
+`draw_polyline`, `blend_polygon` and `put_text` draw in place, on RGB images (height, width, 3), uint8.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import cv2
 import numpy as np
-
-from lanes.images import require_rgb
 
 Colour = tuple[int, int, int]
 
@@ -66,11 +63,7 @@ def blend_polygon(
 
 
 def put_text(
-    image: np.ndarray,
-    lines: str | Sequence[str],
-    *,
-    size_px: int | None = None,
-    panel_alpha: float = 0.6,
+    image: np.ndarray, lines: str | Sequence[str], *, size_px: int | None = None, panel_alpha: float = 0.6
 ) -> None:
     """Write lines of white text at the top left, on a dark panel that keeps them readable on any background.
 
@@ -82,46 +75,28 @@ def put_text(
         return
     height, width = image.shape[:2]
     size, box_width, box_height = _fit_text(lines, size_px or round(height / 24), width, height)
-    _darken(image[:box_height, :box_width], panel_alpha)
+    darken(image[:box_height, :box_width], panel_alpha)
+    # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
+    align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
     for number, line in enumerate(lines):
-        _put_line(image, line, _margin(size), _margin(size) // 2 + number * _line_height(size), size)
+        position = text_margin(size), text_margin(size) // 2 + number * line_height(size) + size
+        cv2.putText(image, line, position, TEXT_COLOUR, _FONT, size, FONT_WEIGHT, align, wrap_range)
 
 
-def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
-    """A copy of the image with thumbnails, and text to their right, on a dark strip along the upper quarter.
-
-    `thumbnails` are RGB images or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
-    `lines` of text take the right 30 % of the strip.
-    """
-    drawn = require_rgb(image).copy()
-    height, width = image.shape[:2]
-    strip_height, margin = height // 4, max(2, height // 90)
-    title_size = max(6, height // 36)
-    _darken(drawn[:strip_height], 0.75)
-    left, top = margin, margin + _line_height(title_size)
-    room = int((width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin), strip_height - margin - top
-    for title, thumbnail in thumbnails.items():
-        large = to_rgb(thumbnail)
-        scale = min(room[0] / large.shape[1], room[1] / large.shape[0])
-        size_px = max(1, int(large.shape[1] * scale)), max(1, int(large.shape[0] * scale))
-        small = cv2.resize(large, size_px, interpolation=cv2.INTER_AREA)
-        drawn[top : top + small.shape[0], left : left + small.shape[1]] = small
-        size, *_ = _fit_text([title], title_size, small.shape[1] + margin, strip_height)
-        _put_line(drawn, title, left, margin, size)
-        left += small.shape[1] + margin
-    if lines:
-        put_text(drawn[:strip_height, left:], lines, size_px=round(height / 24), panel_alpha=0)
-    return drawn
+def darken(part: np.ndarray, alpha: float) -> None:
+    """Blend the panel's colour into a part of an image with weight `alpha`."""
+    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
+    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
 
 
-def to_rgb(image: np.ndarray) -> np.ndarray:
-    """A new RGB image from RGB, gray (height, width) uint8, or a mask of bool or of 0 and 1."""
-    image = np.asarray(image)
-    if image.ndim == 2:
-        if image.dtype == bool or (image.size and image.max() <= 1):
-            image = (image > 0).astype(np.uint8) * 255
-        image = np.repeat(image[:, :, None], 3, axis=2)
-    return require_rgb(image).copy()
+def line_height(size_px: int) -> int:
+    """Height of a line of text with its spacing, pixels."""
+    return size_px + max(2, size_px // 3)
+
+
+def text_margin(size_px: int) -> int:
+    """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
+    return max(2, round(size_px * 0.6))
 
 
 def finite_points(points_px: np.ndarray) -> np.ndarray:
@@ -135,36 +110,14 @@ def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
     return np.round(points_px.clip(-_MAX_COORDINATE_PX, _MAX_COORDINATE_PX) * (1 << _SHIFT)).astype(np.int32)
 
 
-def _darken(part: np.ndarray, alpha: float) -> None:
-    """Blend the panel's colour into a part of an image with weight `alpha`."""
-    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
-    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
-
-
 def _fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
     """Largest font size up to `size` at which `lines` and their margins fit; and their width and height, pixels."""
     for smaller in range(max(size, 1), 0, -1):
-        box_width = max(_text_width(line, smaller) for line in lines) + 2 * _margin(smaller)
-        box_height = len(lines) * _line_height(smaller) + _margin(smaller)
+        box_width = max(_text_width(line, smaller) for line in lines) + 2 * text_margin(smaller)
+        box_height = len(lines) * line_height(smaller) + text_margin(smaller)
         if box_width <= width and box_height <= height:
             break
     return smaller, min(box_width, width), min(box_height, height)
-
-
-def _put_line(image: np.ndarray, line: str, left: int, top: int, size: int) -> None:
-    """Write one line of white text with its upper left corner at (left, top)."""
-    # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
-    align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
-    cv2.putText(image, line, (left, top + size), TEXT_COLOUR, _FONT, size, FONT_WEIGHT, align, wrap_range)
-
-
-def _line_height(size: int) -> int:
-    return size + max(2, size // 3)
-
-
-def _margin(size: int) -> int:
-    """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
-    return max(2, round(size * 0.6))
 
 
 @lru_cache(maxsize=64)

@@ -10,6 +10,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from lanes import __version__
@@ -52,7 +53,8 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help="picture of a board, or folder")
+        words = "picture of a chessboard, or folder of pictures"
+        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
         words = "inner corners of the board (default: 9x6)"
         parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
         words = "also write a picture of all boards with their corners"
@@ -108,8 +110,8 @@ class Pose:
             lane_width_m=options.lane_width,
             height_m=options.height,
             max_pictures=options.pictures,
-            start_s=options.start,
-            end_s=options.end,
+            start_s=options.start_s,
+            end_s=options.end_s,
             progress=progress_line("pose"),
         )
         print(estimate.describe())
@@ -160,13 +162,9 @@ class Annotate:
         """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
         sources = find_sources(options.files)
         settings = read_settings(options, sources)
+        say = (lambda _: None) if options.quiet else partial(print, flush=True)
         failures: list[Exception] = []
         done = 0
-
-        def say(text: str) -> None:
-            if not options.quiet:
-                print(text, flush=True)
-
         if (options.workers or options.scheduler) and sources.videos:
             where = {"workers": options.workers, "scheduler": options.scheduler}
             finished, failures = annotate_many(sources.videos, settings, **where, log=say)
@@ -282,39 +280,37 @@ class Explain:
 
 
 COMMANDS = {command.__name__.lower(): command for command in (Calibrate, Pose, Annotate, Detect, Explain)}
+EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
+EPILOG += """
+In a clone of the project, python -m simulator renders roads with ground truth and
+python -m benchmark scores lane finders.
+
+examples:
+  {program} annotate --hfov 60 drive.mp4
+  {program} annotate --help"""
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns its exit status, see `run_command`."""
     arguments = sys.argv[1:] if arguments is None else arguments
     program = "lanes" if Path(sys.argv[0]).stem == "lanes" else "python -m lanes"
-    name = _command_parser(program).parse_args(arguments[:1]).command
+    parser = argparse.ArgumentParser(
+        prog=program,
+        usage=f"{program} [-h] COMMAND ...",
+        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
+        epilog=EPILOG.format(program=program),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    words = "one of the commands below; COMMAND --help describes it"
+    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help=words)
+    parser.add_argument("--version", action="version", version=f"lanes {__version__}")
+    name = parser.parse_args(arguments[:1]).command
     return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
 
 
 def installed_command() -> None:
     """The command `lanes` of an installation."""
     run_program(main)
-
-
-def _command_parser(program: str) -> argparse.ArgumentParser:
-    width = max(map(len, COMMANDS))
-    parser = argparse.ArgumentParser(
-        prog=program,
-        usage=f"{program} [-h] COMMAND ...",
-        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
-        epilog="commands:\n"
-        + "\n".join(f"  {name:<{width}}  {command.SUMMARY}" for name, command in COMMANDS.items())
-        + "\n\nIn a clone of the project, python -m simulator renders roads with ground truth and\n"
-        "python -m benchmark scores lane finders.\n\n"
-        "examples:\n"
-        f"  {program} annotate --hfov 60 drive.mp4\n  {program} annotate --help",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    words = "one of the commands below; COMMAND --help describes it"
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help=words)
-    parser.add_argument("--version", action="version", version=f"lanes {__version__}")
-    return parser
 
 
 # Options that several commands share.
@@ -336,8 +332,9 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for a part of the videos; `read_settings` checks them."""
     words = "start at this second of each video"
-    parser.add_argument("--start", type=bounded(float, 0), default=0.0, metavar="S", help=words)
-    parser.add_argument("--end", type=bounded(float, 0), metavar="S", help="stop at this second of each video")
+    parser.add_argument("--start", dest="start_s", type=bounded(float, 0), default=0.0, metavar="S", help=words)
+    words = "stop at this second of each video"
+    parser.add_argument("--end", dest="end_s", type=bounded(float, 0), metavar="S", help=words)
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -349,8 +346,7 @@ def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    height, width = next(sample_images(files, 1)).shape[:2]
-    return settings.camera_for((width, height), files[0])
+    return settings.camera_for(next(sample_images(files, 1)).shape[1::-1], files[0])
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
@@ -370,10 +366,9 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         field = find_field_of_view([] if each else [*sources.stills, *sources.videos])
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
-    if "end" in options and options.end is not None and options.end <= options.start:
-        raise ValueError(f"--end {options.end:g} is not after --start {options.start:g}; give a later end.")
-    names = {"start": "start_s", "end": "end_s", "style": "style", "report": "report"}
-    more = {field: getattr(options, name) for name, field in names.items() if name in options}
+    more = {name: value for name, value in vars(options).items() if name in ("start_s", "end_s", "style", "report")}
+    if more.get("end_s") is not None and options.end_s <= options.start_s:
+        raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
 
 

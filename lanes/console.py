@@ -13,7 +13,7 @@ from typing import Any
 
 def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math.inf) -> Callable[[str], Any]:
     """An argparse type: a number of that kind from `minimum` to `maximum`."""
-    what = "a whole number" if kind is int else "a number"
+    what = "whole number" if kind is int else "number"
     limits = f"{minimum:g} or more" if maximum == math.inf else f"{minimum:g} to {maximum:g}"
 
     def parse(text: str) -> float:
@@ -22,7 +22,7 @@ def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math
         except ValueError:
             value = math.nan
         if not minimum <= value <= maximum or value == math.inf:
-            raise argparse.ArgumentTypeError(f"{text} does not do; give {what}, {limits}")
+            raise argparse.ArgumentTypeError(f"{text} does not do; give a {what}, {limits}")
         return value
 
     return parse

@@ -43,8 +43,7 @@ def detect_in_sequence(
     stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float
 ) -> Iterator[dict]:
     """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
-    height, width = read_image(stills[0]).shape[:2]
-    camera, pose = ensure_pose(settings.camera_for((width, height), stills[0]), stills)
+    camera, pose = ensure_pose(settings.camera_for(read_image(stills[0]).shape[1::-1], stills[0]), stills)
     if pose:
         print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)

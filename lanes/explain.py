@@ -37,12 +37,9 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was.
+    """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was."""
 
-    `model` (15,) is as in `lanes.detect.road`.
-    """
-
-    model: np.ndarray
+    model: np.ndarray  # (15,), see `lanes.detect.road`
     chosen: bool
     reason: str
 
@@ -93,9 +90,7 @@ class Explanation:
         if self.lane is None:
             return []
         parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
-        lines = [
-            f"  {name}: {value:.2f} x {weight:.2f} = {value * weight:+.2f}" for name, value, weight in parts if weight
-        ]
+        lines = [f"  {name}: {v:.2f} x {w:.2f} = {v * w:+.2f}" for name, v, w in parts if w]
         return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
 
     def __repr__(self) -> str:
@@ -139,10 +134,9 @@ def explain(
     steps += [_check_birdseye(evidence), _check_markings(evidence), _check_stripes(evidence)]
     if search is None:
         return Explanation(image, camera, _up_to_failure(steps), detection)
-    best = search.starts.lanes[0]
-    votes = (
-        f"{len(search.starts.lanes)} lanes proposed, best: {best[WIDTH]:.1f} m wide, {describe_bend(best[CURVATURE])}"
-    )
+    proposed = search.starts.lanes
+    best = f"{proposed[0][WIDTH]:.1f} m wide, {describe_bend(proposed[0][CURVATURE])}"
+    votes = f"{len(proposed)} lanes proposed, best: {best}"
     steps += [Step("votes", votes), _check_fit(search.fit.support[0], seen=lane is not None)]
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.

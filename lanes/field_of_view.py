@@ -52,9 +52,8 @@ class FieldOfView:
 def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
     """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
     for file in files:
-        hfov_deg = read_hfov(file) if Path(file).suffix.lower() in PICTURE_SUFFIXES else None
-        if hfov_deg is not None:
-            return FieldOfView(hfov_deg, f"as {Path(file).name} says (EXIF)")
+        if file.suffix.lower() in PICTURE_SUFFIXES and (hfov_deg := read_hfov(file)):
+            return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
     return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
 
 

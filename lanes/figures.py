@@ -42,7 +42,6 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "lines.linewidth": 1.8,
 }
-TRUTH_LOOK = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Distances ahead that are marked on pictures of a road grid, metres.
 MARKED_M = (5, 10, 20, 40)
 
@@ -108,10 +107,7 @@ HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     """Plot every step of an explanation with its numbers; the title of a failed step is red.
 
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes of shape (9,)
-        Image, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
+    The nine axes are image, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
     """
     said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
     detection, lane, failed = explanation.detection, explanation.lane, explanation.failed

@@ -28,13 +28,8 @@ _DIGITS = 12
 _LOCK_TIMEOUT_S = 0.2
 # Errors of file systems without locks.
 _NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK}
-_KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+# What stands in place of a file; anything else is a device.
+_KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
 def require_file(
@@ -191,7 +186,7 @@ def translate_write_errors(path: Path) -> Iterator[None]:
 
 
 def _describe_kind(found: os.stat_result) -> str:
-    return _KINDS.get(stat.S_IFMT(found.st_mode), "no file")
+    return _KINDS.get(stat.S_IFMT(found.st_mode), "a device")
 
 
 def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:

@@ -76,9 +76,8 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     path = Path(path)
     suffix = path.suffix.lower()
     if suffix not in _READABLE:
-        raise PictureError(
-            f"{path}: cannot write {path.suffix or 'a name without suffix'}; end the name in .jpg or .png."
-        )
+        kind = path.suffix or "a name without suffix"
+        raise PictureError(f"{path}: cannot write {kind}; end the name in .jpg or .png.")
     image = require_rgb(image, path)
     options = [_QUALITY_OPTIONS[suffix], jpeg_quality] if suffix in _QUALITY_OPTIONS else []
     done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)

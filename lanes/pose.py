@@ -4,7 +4,7 @@ Parallel lines on a flat road meet in a vanishing point on the horizon (`lanes.v
 pitch. Its column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width
 in metres, divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one
 side give the roll. For one image with too few lane lines the angles come from all its edges, and the height is the
-usual one. Of the poses near the estimate from one image that with the most probable lane is taken (`lanes.stills`).
+usual one.
 """
 
 from __future__ import annotations
@@ -104,9 +104,8 @@ class PoseEstimate:
 
     def describe(self) -> str:
         """Several lines of text: the summary and the notes."""
-        return "\n".join(
-            [f"{name:<8} {text}" for name, text in self.summary().items()] + [f"note: {n}" for n in self.notes]
-        )
+        lines = [f"{name:<8} {text}" for name, text in self.summary().items()]
+        return "\n".join(lines + [f"note: {note}" for note in self.notes])
 
     def summary_line(self) -> str:
         """One line with the numbers, and with what they were estimated from."""
@@ -283,7 +282,8 @@ def _pose_from_lines(
     roll_rad = 0.0
     for _ in range(2):
         # Roll tilts the horizon. The second pass fits the lines again with the roll of the first pass removed.
-        lines = _fit_images([s.without_roll(roll_rad) for s in segments], horizon)
+        fits = (fit_parallel_lines(s.without_roll(roll_rad), horizon, 3 * PITCH_MOTION_STD_RAD) for s in segments)
+        lines = [f for f in fits if f and f.y0_std < PITCH_MOTION_STD_RAD and f.rows.sum() >= MIN_STRIPE_ROWS]
         _require_lines(lines, len(images))
         (lanes_height_m, height_std_m), (roll_rad, roll_std_rad) = estimate_height_and_roll(
             lines, lane_width_m, height_m or PRIOR_HEIGHT_M, roll_rad
@@ -335,12 +335,6 @@ def _vote_horizon(segments: list[Segments]) -> float:
     prior = np.exp(-0.5 * (X0_BINS / PRIOR_DIRECTION_STD_RAD) ** 2)
     votes = sum((hough_votes(s) * prior).max(axis=(1, 2)) for s in segments)
     return float(Y0_BINS[np.argmax(votes)])
-
-
-def _fit_images(segments: list[Segments], horizon: float) -> list[RoadLines]:
-    """Parallel lines of the images that show at least two and determine their horizon."""
-    found = [fit_parallel_lines(s, horizon, 3 * PITCH_MOTION_STD_RAD) for s in segments]
-    return [f for f in found if f is not None and f.y0_std < PITCH_MOTION_STD_RAD and f.rows.sum() >= MIN_STRIPE_ROWS]
 
 
 def _require_lines(lines: list[RoadLines], total: int) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob
 from itertools import groupby
@@ -42,9 +42,8 @@ def find_sources(names: Iterable[str]) -> Sources:
     return Sources(tuple(path for path in files if path.suffix.lower() not in PICTURE_SUFFIXES), stills)
 
 
-def require_distinct_outputs(inputs: Iterable[Path], outputs: Iterable[Path]) -> None:
+def require_distinct_outputs(inputs: Sequence[Path], outputs: Sequence[Path]) -> None:
     """Raise ValueError if an output would overwrite one of the inputs, or the output of another input."""
-    inputs, outputs = list(inputs), list(outputs)
     require_no_input_among(outputs, inputs)
     source_of: dict[Path, Path] = {}
     for source, output in zip(inputs, outputs, strict=True):

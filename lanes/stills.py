@@ -1,7 +1,5 @@
 """Detection in a single image, with a known camera pose or with one that has to come from the same image.
 
-With a known pose the band filter finds the stripes. If its lane is not sure, the network is the second opinion.
-
 A single image determines the height of the camera roughly, or not at all. With a wrong height two lines that are not a
 lane apart are taken for the ego lane. Several poses are therefore tried, with the stripes of the network, which decide
 better between poses (docs/ablation.md). If the poses show the same lane, the pose does not matter; if they show
@@ -111,19 +109,19 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     of the logarithm of its height. Errors are those of `find_lane`.
     """
     tried = list(_try_poses(image, camera, height_log_std))
-    shown = [detection for detection, _ in tried if detection.lane is not None]
+    shown = [(d, d.lane, log_prior + log_odds(d.lane)) for d, log_prior in tried if d.lane is not None]
     if not shown:
         return tried[0][0] if tried else _search_with_network(image, camera)
-    lanes = [detection.lane for detection in shown if detection.lane is not None]
-    log_posterior = np.array([log_prior + log_odds(d.lane) for d, log_prior in tried if d.lane is not None])
+    detections, lanes, log_posterior = zip(*shown, strict=True)
+    probability = np.exp(np.array(log_posterior) - max(log_posterior))
     # from the road 60 m ahead down to the lower border of the image
     top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
     rows = np.linspace(top, 0.98 * camera.height, 25)
-    same = _same_lane(np.array([lane.columns(d.camera, rows) for d, lane in zip(shown, lanes, strict=True)]), camera)
-    of_lane = np.flatnonzero(same[(same @ np.exp(log_posterior - log_posterior.max())).argmax()])
-    best = of_lane[log_posterior[of_lane].argmax()]
+    same = _same_lane(np.array([lane.columns(detection.camera, rows) for detection, lane, _ in shown]), camera)
+    of_lane = np.flatnonzero(same[(same @ probability).argmax()])
+    best = of_lane[probability[of_lane].argmax()]
     share = float(same[best].sum() / len(TRIED_STEPS))
-    return replace(shown[best], lane=replace(lanes[best], same_lane_share=share))
+    return replace(detections[best], lane=replace(lanes[best], same_lane_share=share))
 
 
 def _try_poses(image: np.ndarray, camera: Camera, height_log_std: float) -> Iterator[tuple[StillDetection, float]]:

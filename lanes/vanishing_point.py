@@ -86,8 +86,6 @@ def find_segments(image: np.ndarray, camera: Camera, horizon_row: float) -> Segm
     half_widths = np.maximum(np.round(STRIPE_TO_HEIGHT / 2 * below_horizon_px), 1).astype(int)
     response = _stripe_response(image[top:], half_widths)
     rows, columns, segment = _stripe_centres(response, below_horizon_px, half_widths)
-    if not len(rows):
-        return Segments(*np.empty((6, 0)))
     rays = camera.rays(np.column_stack([columns, rows + top]))
     return _fit_segments(rays[:, 0], rays[:, 1], segment, 1 / camera.matrix[0, 0])
 

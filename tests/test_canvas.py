@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.canvas import blend_polygon, draw_mosaic, draw_polyline, put_text, to_rgb
+from classic.overlay import draw_mosaic, to_rgb
+from lanes.canvas import blend_polygon, draw_polyline, put_text
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
 WHITE = (255, 255, 255)

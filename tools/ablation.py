@@ -59,7 +59,6 @@ NONE, NEVER = 1e-9, float("inf")
 # Mean, standard deviation and limit of a parameter of the road that stays 0.
 STAYS_0 = (0.0, NONE, NONE)
 PRIOR = "detector.fit.prior"
-INFLATED = FILTER.inflated_std
 # Pairs of a standard deviation on straight roads and its growth.
 GROWING = ("path_per_m_per_s", "rate_per_m2_per_m", "rate_step_per_m2_per_m", "vertical_per_m")
 ALL_ON = Mechanism("all on", "the tracker as it is")
@@ -72,20 +71,19 @@ MECHANISMS = (
     Mechanism("small steps", "small steps of fits outwards", {"detector.fit.outwards": FIT.extend}),
     Mechanism("bend limit", "a radius of 15 m at least, far ahead", {"detector.fit.max_bend_per_m": (NEVER, 1.0)}),
     Mechanism("variance inflation", "stripes of a frame are correlated", {"detector.fit.variance_inflation": 1.0}),
-    Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": NEVER}),
-    Mechanism("inflated covariance", "a second, freer fit outwards", {"filter.inflated_gain": NEVER}),
+    Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": 1.0}),
     Mechanism(
         "rate steps",
         "three changes of the curvature rate",
         {f"{PRIOR}.rate_step_per_m2": STAYS_0, f"{PRIOR}.rate_step_share": 0.0}
-        | {"filter.rate_step_per_m2_per_m": (NONE, 0.0), "filter.inflated_std": (INFLATED[0], 0.0, INFLATED[2])},
+        | {"filter.rate_step_per_m2_per_m": (NONE, 0.0)},
     ),
     Mechanism(
         "vertical profile",
         "four vertical curvatures: crests and dips",
         {f"{PRIOR}.vertical_per_m": STAYS_0, f"{PRIOR}.vertical_bend_share": 0.0, f"{PRIOR}.vertical_share": 0.0}
         | {"filter.vertical_per_m": (NONE, 0.0), "filter.vertical_share": 0.0}
-        | {"filter.inflated_std": (0.0, *INFLATED[1:]), "detector.fit.undulation_gain": NEVER},
+        | {"detector.fit.undulation_gain": NEVER},
     ),
     Mechanism(
         "shares of the prior",
@@ -99,6 +97,7 @@ MECHANISMS = (
         "process noise grows with the curvature",
         {f"filter.{name}": (getattr(FILTER, name)[0], 0.0) for name in GROWING} | {"filter.vertical_share": 0.0},
     ),
+    Mechanism("lever", "the rear axle moves along the car, not the camera", {"filter.lever_m": 0.0}),
     Mechanism("periodic search", "searches while tracking", {"search_period_s": NEVER}),
 )
 

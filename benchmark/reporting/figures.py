@@ -12,7 +12,7 @@ from benchmark.reporting.reliability import AvailableLanes, Reliability
 from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
 from classic.recipe import POSE_SUFFIX
-from lanes.figures import TRUTH_LOOK, new_figure, save_figure
+from lanes.figures import new_figure, save_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -22,6 +22,7 @@ ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
 # Confidence from which the label of a point has no room to its right.
 EDGE = 0.95
+TRUTH_LOOK: dict[str, Any] = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
 LIMITS = {ERROR: (0.003, 20.0), AVAILABLE: (0.0, 100.0), WRONG: (0.0, 100.0)}

@@ -120,7 +120,7 @@ def rate_lane(lane: Lane) -> float:
 # largest curvature and the largest vertical curvature in view (1/m); tracked, and in a single image. Fit and filter
 # assume more noise than most roads have, so that worn paint and hairpins do not surprise them. Fitted on variants 2 and
 # 7 of the rendered suite.
-TRACKED_ERRORS, STILL_ERRORS = (0.1, 150.0, 200.0), (0.5, 40.0, 0.0)
+TRACKED_ERRORS, STILL_ERRORS = (0.05, 75.0, 100.0), (0.5, 40.0, 0.0)
 
 
 def error_variance_factor(lane: np.ndarray, *, tracked: bool) -> float:

@@ -41,10 +41,10 @@ class FitSettings:
     variance_inflation: float = 4.0
     # A stripe belongs to a line if its weight is larger than this.
     min_weight: float = 0.25
-    # Stripes nearer to a line than this, in distance (m) and direction (rad), and up to this distance ahead. If their
-    # weight exceeds that of all stripes that the fit explains by `max_unexplained`, the road may bend or undulate more.
+    # Stripes nearer to a line than this, in distance (m) and direction (rad), and up to this distance ahead. If a fit
+    # explains less weight than theirs by a larger share than `max_unexplained`, the road may bend or undulate more.
     nearby: tuple[float, float, float] = (0.5, 0.3, 45.0)
-    max_unexplained: float = 8.0
+    max_unexplained: float = 0.2
     # Vertical curvature added to the prior's standard deviation for roads that undulate, and the weight of stripes that
     # such a fit must gain.
     undulation_std_per_m: float = 4e-3
@@ -105,7 +105,7 @@ class Fit:
         distance_m, angle_rad, far_m = self.settings.nearby
         nearby = (np.abs(self.residuals.residual_m) < distance_m) & (self.stripes.x_m < far_m)
         nearby &= np.abs(self.residuals.angle_residual_rad) < angle_rad
-        return nearby @ self.stripes.weight - self.explained >= self.settings.max_unexplained
+        return self.explained < (1 - self.settings.max_unexplained) * (nearby @ self.stripes.weight)
 
     @property
     def inlier_share(self) -> np.ndarray:

@@ -7,8 +7,11 @@ ahead in the lane centre) they stay uncertain.
 
 While the car moves a distance d along its own arc, the lane moves in the car's frame by
 
-    centre + (heading - camera yaw) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,
-    curvature + rate d.
+    centre + (heading - course) d + (curvature - path) d^2 / 2,   heading + (curvature - path) d,   curvature + rate d.
+
+The course, seen from the camera, is camera yaw + lever path. The lever is the distance of the camera from the point of
+the car that moves along the car's axis. That is the rear axle, or, with the slip of the tyres at a higher speed, a
+point nearer to the camera.
 
 The measurement is a fit with the prediction as prior (`lanes.detect.fit`): each stripe measures its distance from the
 nearest predicted line. Its weights reject outliers, so there is no gate.
@@ -43,6 +46,7 @@ from lanes.detect.road import (
     RoadPrior,
     max_curvature,
     max_vertical_curvature,
+    propagated_std,
 )
 
 PATH, SPEED, REST_PITCH, CAMERA_YAW = range(PARAMETERS, PARAMETERS + 4)
@@ -71,6 +75,10 @@ class FilterSettings:
     given_speed_std_mps: float = 0.5
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
     lateral_mps2: tuple[float, float] = (3.0, 6.0)
+    # Distance of a camera behind the windscreen from the rear axle, and the speed at which the slip of the rear tyres
+    # turns the whole car along its path: 60 to 80 km/h for most cars.
+    lever_m: float = 1.6
+    tangent_mps: float = 20.0
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     pose_std_rad: float = 0.004
     # A smaller speed (m/s) than this, with a larger heading, on a road with less curvature (1/m): the filter explains a
@@ -92,9 +100,7 @@ class FilterSettings:
     speed_mps_per_s: float = 1.0
     # Steering, on a straight road and its growth with the curvature.
     path_per_m_per_s: BaseShare = (1e-3, 0.3)
-    # In bends cars do not point along their path: tyre slip, and the distance of the camera from the rear axle.
-    camera_yaw_rad_per_s: BaseShare = (1e-4, 0.15)
-    centre_share_per_m: float = 0.3
+    camera_yaw_rad_per_s: float = 1e-4
     # Width of this lane and of the adjacent ones.
     width_m_per_m: float = 0.004
     # Curvature, and its rate: 5e-5 1/m^2 within 70 m on motorways; on mountain roads more, as the square of the
@@ -109,10 +115,6 @@ class FilterSettings:
     vertical_per_m: BaseShare = (3e-4, 0.03)
     vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
-    # Inflated covariance: extra standard deviations for abrupt changes of vertical curvature (1/m), rate steps (1/m^2)
-    # and pitch, and the weight of stripes that such a fit must explain in addition, because it is less constrained.
-    inflated_std: tuple[float, float, float] = (6e-3, 3e-3, 0.015)
-    inflated_gain: float = 3.0
 
 
 FILTER = FilterSettings()
@@ -147,19 +149,14 @@ class State:
         """(15, 15) covariance of `lane`."""
         return self.covariance[LANE, LANE]
 
-    @property
-    def motion(self) -> CarMotion:
-        """The car's motion, for departure warnings."""
-        path, speed, _, camera_yaw = self.mean[CAR].tolist()
-        p, k, c = self.covariance, [CURVATURE, HEADING], [PATH, CAMERA_YAW]
-        turning_std, course_std = np.sqrt(p[k, k] + p[c, c] - 2 * p[k, c]).tolist()
-        return CarMotion(speed, path, camera_yaw, turning_std, course_std)
-
 
 def initial_state(
     lane: np.ndarray, covariance: np.ndarray, speed_mps: float | None, settings: FilterSettings = FILTER
 ) -> State:
-    """The state after a first detection (15,), (15, 15): the car follows the road at the given or the usual speed."""
+    """The state after a first detection (15,), (15, 15): the car follows the road, at rest on its springs.
+
+    Its speed is the given or the usual one.
+    """
     s = settings
     speed, speed_std = speed_mps, s.given_speed_std_mps
     if speed_mps is None:
@@ -170,7 +167,26 @@ def initial_state(
     full = np.zeros((STATES, STATES))
     full[LANE, LANE] = covariance
     full[CAR, CAR] = np.diag(np.square([path_std, speed_std, s.pose_std_rad, s.pose_std_rad]))
-    return State(np.concatenate([lane, [lane[CURVATURE], speed, 0.0, 0.0]]), full)
+    return State(np.concatenate([lane, [lane[CURVATURE], speed, lane[PITCH], 0.0]]), full)
+
+
+def lever(speed_mps: float, settings: FilterSettings = FILTER) -> tuple[float, float]:
+    """Distance of the camera from the point of the car that moves along the car's axis, and its derivative by speed."""
+    share = speed_mps / settings.tangent_mps
+    if share >= 1:
+        return 0.0, 0.0
+    return settings.lever_m * (1 - share * share), -2 * settings.lever_m * share / settings.tangent_mps
+
+
+def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
+    """The car's motion, for departure warnings."""
+    path, speed, _, camera_yaw = state.mean[CAR].tolist()
+    lever_m, _ = lever(speed, settings)
+    differences = np.zeros((2, STATES))
+    differences[0, [CURVATURE, PATH]] = 1, -1
+    differences[1, [HEADING, CAMERA_YAW, PATH]] = 1, -1, -lever_m
+    turning_std, course_std = propagated_std(differences, state.covariance).tolist()
+    return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std)
 
 
 def predict(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> State:
@@ -186,7 +202,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     # Python floats: for single numbers numpy's overhead would dominate
     _, _, heading, curvature, rate, pitch, *_ = mean.tolist()
     path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
-    d, turn, slant = speed * elapsed_s, curvature - path, heading - camera_yaw
+    d, turn, (lever_m, lever_growth) = speed * elapsed_s, curvature - path, lever(speed, settings)
+    slant = heading - camera_yaw - lever_m * path
     pitch_kept = exp(-elapsed_s / settings.pitch_relaxation_s)
     rates_kept, rates_moved = _rate_transition(d, settings)
     vertical = _vertical_transition(d, settings)
@@ -202,8 +219,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
 
     jacobian = np.eye(STATES)
     jacobian[CENTRE, HEADING], jacobian[CENTRE, CAMERA_YAW] = d, -d
-    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2
-    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s
+    jacobian[CENTRE, CURVATURE], jacobian[CENTRE, PATH] = d * d / 2, -d * d / 2 - lever_m * d
+    jacobian[CENTRE, SPEED] = (slant + turn * d) * elapsed_s - lever_growth * path * d
     jacobian[HEADING, CURVATURE], jacobian[HEADING, PATH] = d, -d
     jacobian[HEADING, SPEED] = turn * elapsed_s
     jacobian[CURVATURE, RATE], jacobian[CURVATURE, SPEED] = d, rate * elapsed_s
@@ -245,8 +262,7 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
     per_s, per_m = np.zeros(STATES), np.zeros(STATES)
     per_s[CENTRE], per_s[HEADING], per_s[PITCH] = n.centre_m_per_s, n.heading_rad_per_s, n.pitch_rad_per_s
     per_s[PATH], per_s[SPEED] = grown(n.path_per_m_per_s, curvature), n.speed_mps_per_s
-    per_s[REST_PITCH], per_s[CAMERA_YAW] = n.rest_pitch_rad_per_s, grown(n.camera_yaw_rad_per_s, excess)
-    per_m[CENTRE] = n.centre_share_per_m * excess
+    per_s[REST_PITCH], per_s[CAMERA_YAW] = n.rest_pitch_rad_per_s, n.camera_yaw_rad_per_s
     per_m[WIDTH] = per_m[ADJACENT] = n.width_m_per_m
     per_m[CURVATURE], per_m[RATE] = n.curvature_per_m_per_m, grown(n.rate_per_m2_per_m, curvature**2)
     per_m[RATE_STEPS] = min(grown(n.rate_step_per_m2_per_m, excess), n.max_rate_step_per_m2_per_m)
@@ -282,37 +298,19 @@ def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) ->
     return State(mean, covariance)
 
 
-def measure(
-    stripes: Stripes, predicted: State, view: BirdsEyeView, settings: FilterSettings, fit_settings: FitSettings
-) -> Fit:
+def measure(stripes: Stripes, predicted: State, view: BirdsEyeView, settings: FitSettings) -> Fit:
     """The lane fitted to the stripes with the prediction as prior: a fit of one lane.
 
     The fit near the prediction is linearised there. If it leaves many stripes nearby unexplained, the lane is also
     fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves the prediction by more than
-    any standard deviation. If that is still not enough, the covariance is inflated for abrupt changes.
+    any standard deviation.
     """
-    mean, covariance = predicted.lane, predicted.lane_covariance
-    near = fit_settings.extend[-2:]
-    best = fit_lanes(mean[None], stripes, view, fit_settings, schedule=near, prior=(mean, covariance), linear=True)
-    for inflated, gain in ((False, 0.0), (True, settings.inflated_gain)):
-        if not best.unexplained[0]:
-            break
-        assumed = inflate(predicted, settings).lane_covariance if inflated else covariance
-        fit = fit_lanes(mean[None], stripes, view, fit_settings, schedule=fit_settings.outwards, prior=(mean, assumed))
-        if fit.explained[0] > best.explained[0] + gain:
-            best = fit
-    return best
-
-
-def inflate(state: State, settings: FilterSettings = FILTER) -> State:
-    """The same mean with extra variance for abrupt changes of vertical curvature, rate steps and pitch."""
-    covariance = state.covariance.copy()
-    diagonal = covariance.reshape(-1)[:: STATES + 1]
-    vertical, rate_step, pitch = np.square(settings.inflated_std).tolist()
-    diagonal[VERTICAL_CURVATURE] += vertical
-    diagonal[RATE_STEPS] += rate_step
-    diagonal[PITCH] += pitch
-    return State(state.mean, covariance)
+    start, prior = predicted.lane[None], (predicted.lane, predicted.lane_covariance)
+    near = fit_lanes(start, stripes, view, settings, schedule=settings.extend[-2:], prior=prior, linear=True)
+    if not near.unexplained[0]:
+        return near
+    outwards = fit_lanes(start, stripes, view, settings, schedule=settings.outwards, prior=prior)
+    return outwards if outwards.explained[0] > near.explained[0] else near
 
 
 def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings: FilterSettings = FILTER) -> State:

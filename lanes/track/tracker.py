@@ -21,7 +21,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_std_m
+from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
 from lanes.errors import LaneError
 from lanes.track.departure import watch_departure
@@ -30,6 +30,7 @@ from lanes.track.filter import (
     SPEED,
     FilterSettings,
     State,
+    car_motion,
     initial_state,
     measure,
     predict,
@@ -39,6 +40,9 @@ from lanes.track.filter import (
     without_wrong_yaw,
 )
 from lanes.track.static_pattern import StaticPattern
+
+# By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
+LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
 
 
 @dataclass(frozen=True)
@@ -69,8 +73,10 @@ class TrackerSettings:
     lane_change_m: float = 0.1
     # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
     # this margin. The search uses the second one.
-    half_widths_m: tuple[float, ...] = (5.0, 9.0, 13.0)
+    half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
     view_margin_m: float = 0.8
+    # Relative increase of the distance from row to row. A still has more rows, as its one image must suffice.
+    view_growth: float = 0.03
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
     # Shortest time between samples of what never moves in the image, and the width of its columns: stripes within 1 to
@@ -122,7 +128,8 @@ class LaneTracker:
         self.speed_mps = None if speed_mps is None else _number(speed_mps, "speed_mps")
         self.settings = settings or TrackerSettings()
         camera.require_pose()
-        self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
+        s = self.settings
+        self._views = tuple(BirdsEyeView(camera, growth=s.view_growth, half_width_m=half) for half in s.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
         self.reset()
@@ -140,7 +147,6 @@ class LaneTracker:
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
         self._unseen_s = self._since_search_s = 0.0
-        self._began_without_static = False
 
     def summary(self) -> dict[str, str]:
         """Settings and current result in words, by name."""
@@ -197,7 +203,7 @@ class LaneTracker:
             predicted = predict(self._estimate, elapsed_s, s.filter)
             if self.speed_mps is not None:
                 predicted = with_given_speed(predicted, self.speed_mps, s.filter)
-            fit = measure(evidence.stripes, predicted, view, s.filter, s.detector.fit)
+            fit = measure(evidence.stripes, predicted, view, s.detector.fit)
             estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
             if self.speed_mps is None:
                 estimate = without_wrong_yaw(estimate, s.filter)
@@ -256,8 +262,6 @@ class LaneTracker:
     def _compare(self, challenger: Lane | None) -> None:
         """Compare a lane found without memory with the track, and start with it if it is better."""
         s, known = self.settings, self._lane
-        # a track from before static stripes were left out may have begun on them
-        margin = -s.challenger_margin if self._lane_moves and not self._began_without_static else s.challenger_margin
         if challenger is None or challenger.score < s.min_score:
             self._lost_comparisons = 0
         elif known is None:
@@ -268,7 +272,7 @@ class LaneTracker:
             if self._confirmed >= s.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
                 self._lane = replace(known, state=TRACKING)
-        elif self._state == TRACKING and challenger.score <= known.score + margin:
+        elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
             self._lost_comparisons = 0
         else:
             self._lost_comparisons += 1
@@ -281,7 +285,6 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = SEARCHING, 1
-        self._began_without_static = self._lane_moves
         self._lane = self._describe(self._estimate, found.evidence, inlier_share=found.inlier_share)
 
     def _describe(self, estimate: State, lines: Sequence[LineEvidence], *, inlier_share: float) -> Lane:
@@ -289,7 +292,7 @@ class LaneTracker:
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
-        motion = estimate.motion
+        motion = car_motion(estimate, self.settings.filter)
         return Lane(
             state=self._state,
             model=model,
@@ -325,6 +328,9 @@ class LaneTracker:
             if search or (sample and not self._lane_moves):
                 lane = self._search(moving)
                 found = lane is not None and lane.score >= self.settings.min_score
+                if lane and found and not self._lane_moves and self._lane and not self._is_same_lane(lane, self._lane):
+                    # the track began on the stripes that never move
+                    self._start(lane)
                 self._lane_moves = found or (self._lane_moves and self._state != LOST)
             if self._lane_moves:
                 return moving, lane
@@ -341,9 +347,7 @@ class LaneTracker:
 
     def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
         """The narrowest view that contains both lines of a lane."""
-        powers = np.array([5.0, 20.0, 35.0]) ** np.arange(4)[:, None]
-        polynomials = np.array([line.coefficients for line in lane.lines]) / [1, 1, 2, 6]
-        reach_m = float(np.abs(polynomials @ powers).max()) + self.settings.view_margin_m
+        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + self.settings.view_margin_m
         return next((view for view in self._views if reach_m < view.half_width_m), self._views[-1])
 
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:

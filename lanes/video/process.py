@@ -40,7 +40,6 @@ def process_video(
     end_s: float | None = None,
     progress: bool = True,
     telemetry: str | Path | TelemetryWriter | None = None,
-    sound: bool = True,
     info: VideoInfo | None = None,
 ) -> VideoInfo:
     """Write what a function makes of every frame of a video as an mp4 that browsers play, with the source's sound.
@@ -81,7 +80,7 @@ def process_video(
         raise VideoError(f"{target}: is the source itself; write the output under another name.")
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
-    sound_from = source if sound and info.has_audio else None
+    sound_from = source if info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
     try:
         takes_time = "elapsed_s" in inspect.signature(function).parameters
@@ -172,11 +171,11 @@ def _sigterm_as_exception() -> Iterator[None]:
     """Turn SIGTERM into an exception, as for Ctrl-C, so that unfinished files are removed."""
     in_main = threading.current_thread() is threading.main_thread()
     # Python allows handlers in the main thread only; a handler of the caller is kept.
-    if not in_main or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
-        yield
-        return
-    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    ours = in_main and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+    if ours:
+        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield
     finally:
-        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+        if ours:
+            signal.signal(signal.SIGTERM, signal.SIG_DFL)

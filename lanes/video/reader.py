@@ -14,6 +14,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.container import InputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
@@ -44,27 +45,22 @@ NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 class ColourTags:
     """Colour space of a video in code points of Recommendation ITU-T H.273, tables 2 to 4.
 
-    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235, with the
-    primaries and the transfer function of BT.709.
+    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235 (MPEG; the
+    full range is JPEG's), with the primaries and the transfer function of BT.709.
     """
 
     matrix: int = 6
-    full_range: bool = False
+    range: int = ColorRange.MPEG
     primaries: int = 1
     transfer: int = 1
-
-    @property
-    def range(self) -> ColorRange:
-        """PyAV's name of the range."""
-        return ColorRange.JPEG if self.full_range else ColorRange.MPEG
 
     @classmethod
     def of(cls, frame: av.VideoFrame) -> ColourTags:
         """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
         matrix = frame.colorspace if frame.colorspace in YUV_MATRICES else cls.matrix
         primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-        full_range = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
-        return cls(int(matrix), full_range, primaries, transfer)
+        full = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
+        return cls(int(matrix), ColorRange.JPEG if full else ColorRange.MPEG, primaries, transfer)
 
 
 @dataclass(frozen=True)
@@ -176,7 +172,7 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
         raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
 
 
-def open_video(path: str | Path) -> av.container.InputContainer:
+def open_video(path: str | Path) -> InputContainer:
     """Open a video file; FFmpeg cannot open any other file or address named in it.
 
     Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
@@ -199,7 +195,7 @@ def open_video(path: str | Path) -> av.container.InputContainer:
     return container
 
 
-def decode_frames(container: av.container.InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
+def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
     """The undamaged frames of a stream in order: of video or sound."""
     for packet in container.demux(stream):
         yield from _decoded(packet)
@@ -230,7 +226,7 @@ def start_time(stream: av.VideoStream) -> Fraction:
     return stream.start_time * stream.time_base
 
 
-def _describe_fault(container: av.container.InputContainer) -> str:
+def _describe_fault(container: InputContainer) -> str:
     """What is wrong with a file without a video stream or a decoder for it, or with too large frames; else empty."""
     if not container.streams.video:
         kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
@@ -283,8 +279,7 @@ def _quarter_turns(frame: av.VideoFrame) -> int:
 
 
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
-    base_rate = stream.guessed_rate
-    return base_rate is not None and abs(base_rate / rate - 1) < SAME_RATE
+    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
 
 
 def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
@@ -297,9 +292,7 @@ def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream
     return int(np.maximum(np.rint(steps) - 1, 0).sum())
 
 
-def _refuse_cut_off(
-    path: str | Path, container: av.container.InputContainer, rate: Fraction, stored: int, end_s: float
-) -> None:
+def _refuse_cut_off(path: str | Path, container: InputContainer, rate: Fraction, stored: int, end_s: float) -> None:
     """Refuse a file that ends before its header announces; frames missing in the middle are counted elsewhere."""
     stream = container.streams.video[0]
     announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base

@@ -7,11 +7,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
-from types import TracebackType
+from typing import Any
 
 import av
 import cv2
 import numpy as np
+from av.container import InputContainer, OutputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError
@@ -55,8 +56,6 @@ class VideoWriter:
         Ends in .mp4; the folder is created where needed.
     fps : float
         Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
-    crf : int, in range 0..51
-        x264's constant rate factor; lower means better quality and larger files.
     colours : ColourTags
         Colour space that the RGB images are encoded in, and tagged with.
     sound_from : str or Path, optional
@@ -74,7 +73,6 @@ class VideoWriter:
         path: str | Path,
         *,
         fps: float,
-        crf: int = CRF,
         colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
         sound_from: str | Path | None = None,
     ) -> None:
@@ -87,11 +85,11 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._crf, self._colours, self._sound_from = crf, colours, sound_from
+        self._colours, self._sound_from = colours, sound_from
         self._converter = VideoReformatter()
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
-        self._container: av.container.OutputContainer | None = None
+        self._container: OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
         self._last_pts = -1
@@ -101,11 +99,9 @@ class VideoWriter:
         self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *error: Any) -> None:
         if kind is not None:
-            self._resources.__exit__(kind, error, trace)
+            self._resources.__exit__(kind, *error)
             return
         with self._resources:
             self._finish()
@@ -145,9 +141,9 @@ class VideoWriter:
             if self._sound is not None:
                 self._sound.write_until(frame.time)
 
-    def _open_container(self, frame: av.VideoFrame) -> av.container.OutputContainer:
+    def _open_container(self, frame: av.VideoFrame) -> OutputContainer:
         size = frame.width, frame.height
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours, crf=self._crf)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours)
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
@@ -157,7 +153,7 @@ class VideoWriter:
 
     def _to_yuv(self, image: np.ndarray) -> av.VideoFrame:
         """The image in YUV 4:2:0; its width and height are even."""
-        if self._colours.matrix in BT601_MATRICES and not self._colours.full_range and len(image) % 4 == 0:
+        if self._colours.matrix in BT601_MATRICES and self._colours.range != ColorRange.JPEG and len(image) % 4 == 0:
             # A third of FFmpeg's time, for untagged videos in particular. PyAV miscounts the rows of other heights.
             planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
             return av.VideoFrame.from_numpy_buffer(np.asarray(planes, np.uint8), format="yuv420p")
@@ -205,9 +201,7 @@ class VideoWriter:
 class SoundTrack:
     """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
-    def __init__(
-        self, source: av.container.InputContainer, target: av.container.OutputContainer, *, start_s: float
-    ) -> None:
+    def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
         self._source, self._target, self._start_s = source, target, start_s
         # A track in a codec that FFmpeg does not know has no codec context; it is left out.
         self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
@@ -269,12 +263,12 @@ class SoundTrack:
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags, *, crf: int = CRF
-) -> tuple[av.container.OutputContainer, av.VideoStream]:
+    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags
+) -> tuple[OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(crf)})
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(CRF)})
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
@@ -290,6 +284,6 @@ def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> N
     target.color_trc, target.color_range = colours.transfer, colours.range
 
 
-def _close_quietly(container: av.container.OutputContainer) -> None:
+def _close_quietly(container: OutputContainer) -> None:
     with suppress(av.FFmpegError):
         container.close()

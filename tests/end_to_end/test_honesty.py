@@ -115,7 +115,6 @@ def test_the_published_table_has_every_scene_and_frame():
         assert rows[name]["lane_frames"] == (0 if scene.difficulty == NO_LANE else rows[name]["frames"])
 
 
-@pytest.mark.xfail(strict=True, reason="the published table is still that of variant 0")
 def test_the_published_table_is_of_scenes_that_nothing_was_tuned_on():
     (variant,) = {scene_and_variant(row["scene"])[1] for row in rows_of_the_tracker()}
     assert variant not in TUNED_VARIANTS

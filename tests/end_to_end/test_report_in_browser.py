@@ -27,7 +27,7 @@ SHOWN_FRAME = """
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
-    with VideoWriter(folder / HOSTILE, fps=20, crf=4) as writer:
+    with VideoWriter(folder / HOSTILE, fps=20) as writer:
         for number in range(200):
             writer.write(np.full((180, 320, 3), 30 + number, np.uint8))
     story_of = {"title": HOSTILE, "telemetry": story(), "settings": {"a": "b"}}

@@ -76,7 +76,7 @@ class Drive:
         stripes = Stripes(
             np.zeros(count, int), x, y, angle, x * 0.43, rng.uniform(0, 1, count), std_m, np.full(count, 0.1)
         )
-        fit = measure(stripes, estimate, VIEW, FILTER, FIT)
+        fit = measure(stripes, estimate, VIEW, FIT)
         return update(estimate, fit.lanes[0], fit.covariance[0])
 
 

@@ -28,7 +28,6 @@ from lanes.track.filter import (
     PATH,
     REST_PITCH,
     SPEED,
-    FilterSettings,
     State,
     initial_state,
     max_speed_mps,
@@ -80,6 +79,17 @@ def test_clothoid_and_springs():
 def test_camera_yaw_does_not_move_the_lane():
     after = predict(state_with(path=2e-3, aim=0.02), 0.1).mean
     assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
+
+
+@pytest.mark.parametrize(("speed_mps", "lever_m"), [(2.0, 1.6), (25.0, 0.0)])
+def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, lever_m):
+    """The rear axle stays on its circle: the camera keeps its place in a road that runs at lever / radius to the car.
+
+    At motorway speed tyre slip turns the whole car along the road.
+    """
+    lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
+    estimate = initial_state(lane, COVARIANCE, speed_mps)
+    assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
 
 
 def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
@@ -199,7 +209,7 @@ def measured(lines_y_m: list[np.ndarray], far_m: float, predicted: State) -> np.
     angles = [np.arctan(np.gradient(y_m, VIEW.x_m[rows])) for y_m in lines_y_m]
     places = np.tile(rows, 2), np.tile(VIEW.x_m[rows], 2), np.hstack(lines_y_m), np.hstack(angles)
     stripes = stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
-    return measure(stripes, predicted, VIEW, FilterSettings(), FitSettings()).lanes[0]
+    return measure(stripes, predicted, VIEW, FitSettings()).lanes[0]
 
 
 def test_a_transition_far_ahead_does_not_bend_the_road_beside_the_car():

@@ -89,7 +89,7 @@ def test_matrix_range_primaries_and_transfer_function_are_kept(tmp_path, tags, f
 @pytest.mark.parametrize(("width", "height"), [(128, 64), (127, 63), (127, 64), (128, 62)])
 def test_a_writer_without_tags_uses_bt601(tmp_path, width, height):
     """An odd width or height is padded by repeating the last pixels."""
-    with VideoWriter(tmp_path / "out.mp4", fps=25, crf=4) as writer:
+    with VideoWriter(tmp_path / "out.mp4", fps=25) as writer:
         for _ in range(5):
             writer.write(patches(width, height))
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)

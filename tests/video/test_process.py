@@ -81,12 +81,13 @@ def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
 def test_threads_change_nothing(repeatable, tmp_path):
     """A loop without threads gives the same bytes and the same telemetry."""
     plain, rows = StatefulFunction(), []
-    with VideoWriter(tmp_path / "plain.mp4", fps=25, colours=inspect_video(repeatable).colours) as writer:
+    colours = inspect_video(repeatable).colours
+    with VideoWriter(tmp_path / "plain.mp4", fps=25, colours=colours, sound_from=repeatable) as writer:
         for frame in read_timed_frames(repeatable, start_s=0.4):
             image, row = plain(frame.image)
             rows.append({"frame": frame.number, "time_s": frame.time_s} | row)
             writer.write(image, frame.time_s)
-    options = {"start_s": 0.4, "sound": False, "progress": False, "telemetry": tmp_path / "rows.csv"}
+    options = {"start_s": 0.4, "progress": False, "telemetry": tmp_path / "rows.csv"}
     process_video(repeatable, tmp_path / "out.mp4", StatefulFunction(), **options)
     assert (tmp_path / "plain.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
     table = read_telemetry(tmp_path / "rows.csv")
