@@ -201,14 +201,8 @@ def with_pose_error(camera: Camera, rng: np.random.Generator) -> Camera:
     """The camera with the error of an estimated pose."""
     pose = camera.require_pose()
     pitch, yaw, roll = np.radians(rng.normal(0, POSE_ERROR_DEG))
-    return camera.with_pose(
-        CameraPose(
-            pose.height_m * float(np.exp(rng.normal(0, HEIGHT_ERROR))),
-            pose.pitch_rad + pitch,
-            pose.yaw_rad + yaw,
-            pose.roll_rad + roll,
-        )
-    )
+    height_m = pose.height_m * float(np.exp(rng.normal(0, HEIGHT_ERROR)))
+    return camera.with_pose(CameraPose(height_m, pose.pitch_rad + pitch, pose.yaw_rad + yaw, pose.roll_rad + roll))
 
 
 def label_cells(with_lines: np.ndarray, without: np.ndarray) -> np.ndarray:

@@ -127,10 +127,7 @@ def test_the_sdist_holds_the_package_and_nothing_else(sdist):
 
 @pytest.fixture(scope="module")
 def installed(sdist, tmp_path_factory) -> Path:
-    """The folder of the commands of an environment with the package, which borrows the dependencies.
-
-    pip builds a wheel from the sdist.
-    """
+    """The folder of the commands of an environment with a wheel of the sdist, which borrows the dependencies."""
     environment = tmp_path_factory.mktemp("environment") / "environment"
     venv.create(environment, symlinks=os.name != "nt")
     where = sysconfig.get_paths("venv", {"base": environment})
