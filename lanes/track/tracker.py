@@ -75,8 +75,6 @@ class TrackerSettings:
     # this margin. The search uses the second one.
     half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
     view_margin_m: float = 0.8
-    # Relative increase of the distance from row to row. A still has more rows, as its one image must suffice.
-    view_growth: float = 0.03
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
     # Shortest time between samples of what never moves in the image, and the width of its columns: stripes within 1 to
@@ -128,8 +126,7 @@ class LaneTracker:
         self.speed_mps = None if speed_mps is None else _number(speed_mps, "speed_mps")
         self.settings = settings or TrackerSettings()
         camera.require_pose()
-        s = self.settings
-        self._views = tuple(BirdsEyeView(camera, growth=s.view_growth, half_width_m=half) for half in s.half_widths_m)
+        self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
         self.reset()
