@@ -7,7 +7,7 @@ Points are (column u, row v) in pixels, floats, shape (N, 2), pixel centres at i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import cv2
 import numpy as np
@@ -23,8 +23,6 @@ WINDOW_COLOUR: Colour = (255, 210, 0)
 TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
-# OpenCV's outline font; its stroke fonts have no letters and signs beyond ASCII.
-_FONT = cv2.FontFace("sans")
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 FONT_WEIGHT = 500
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
@@ -80,7 +78,7 @@ def put_text(
     align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
     for number, line in enumerate(lines):
         position = text_margin(size), text_margin(size) // 2 + number * line_height(size) + size
-        cv2.putText(image, line, position, TEXT_COLOUR, _FONT, size, FONT_WEIGHT, align, wrap_range)
+        cv2.putText(image, line, position, TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
 
 
 def darken(part: np.ndarray, alpha: float) -> None:
@@ -120,7 +118,14 @@ def _fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple
     return smaller, min(box_width, width), min(box_height, height)
 
 
+@cache
+def _font() -> cv2.FontFace:
+    # OpenCV's outline font; its stroke fonts have no letters and signs beyond ASCII. Commands that write no text do not
+    # wait for it.
+    return cv2.FontFace("sans")
+
+
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
     """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
-    return cv2.getTextSize((0, 0), line, (0, 0), _FONT, size, FONT_WEIGHT)[2]
+    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, FONT_WEIGHT)[2]

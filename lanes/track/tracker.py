@@ -324,11 +324,13 @@ class LaneTracker:
             moving, lane = replace(evidence, stripes=stripes.select(~static)), None
             if search or (sample and not self._lane_moves):
                 lane = self._search(moving)
-                found = lane is not None and lane.score >= self.settings.min_score
-                if lane and found and not self._lane_moves and self._lane and not self._is_same_lane(lane, self._lane):
-                    # the track began on the stripes that never move
-                    self._start(lane)
-                self._lane_moves = found or (self._lane_moves and self._state != LOST)
+                if lane is not None and lane.score >= self.settings.min_score:
+                    if not self._lane_moves and self._lane and not self._is_same_lane(lane, self._lane):
+                        # the track began on the stripes that never move
+                        self._start(lane)
+                    self._lane_moves = True
+                elif self._state == LOST:
+                    self._lane_moves = False
             if self._lane_moves:
                 return moving, lane
         return evidence, self._search(evidence) if search else None
