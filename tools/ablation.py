@@ -2,10 +2,10 @@
 
     python -m tools.ablation [--scenes NAME,...] [--seed 7] [--only NAME] [--workers N]
 
-A mechanism is switched off by other settings; everything else stays the same. The drives are variants of the scenes
-that nothing was tuned on (`--seed 7`); missing ones are rendered. A row shows the accuracy minus that of the tracker as
-it is, in points, with its 95 % interval (bootstrap over drives), the 95th percentile of the lateral error, NEES / 4 and
-the relative time.
+A mechanism is switched off by other settings; everything else stays the same. The drives are a variant of the scenes
+that is not of the tuning set (`--seed 7`); missing ones are rendered. A row shows the accuracy minus that of the
+tracker as it is, in points, with its 95 % interval (bootstrap over drives), the 95th percentile of the lateral error,
+NEES / 4 and the relative time.
 """
 
 from __future__ import annotations
