@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 
-import cv2
 import numpy as np
 
 from classic.finder import LaneFinder, LaneResult
@@ -16,12 +15,9 @@ from lanes.canvas import (
     WINDOW_COLOUR,
     Colour,
     blend_polygon,
-    darken,
     draw_polyline,
     finite_points,
-    line_height,
     put_text,
-    text_margin,
 )
 from lanes.describe import describe_bend, describe_offset
 from lanes.images import require_rgb
@@ -46,49 +42,6 @@ def annotate_image(image: np.ndarray, result: LaneResult, camera: Camera) -> np.
     """
     drawn = _draw_result(image, result, camera)
     put_text(drawn, describe_result(result))
-    return drawn
-
-
-def draw_search(result: LaneResult) -> np.ndarray:
-    """Warped binary with the search windows, the pixels of each line and the fitted lines; RGB."""
-    left, right = result.left_found, result.right_found
-    drawn = draw_pixels(result.warped_binary, left.pixels, colour=LEFT_COLOUR)
-    drawn = draw_pixels(drawn, right.pixels, colour=RIGHT_COLOUR)
-    drawn = draw_windows(drawn, np.array(left.windows + right.windows))
-    left_px, right_px = (None if fit is None else fit.points(drawn.shape[0]) for fit in (result.left, result.right))
-    return draw_fit(drawn, left_px, right_px)
-
-
-def diagnose(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """The annotated image below a strip of intermediate results: binary, bird's-eye view, search."""
-    view = result.warp.image_to_birdseye(result.undistorted)
-    thumbnails = {"binary": result.warped_binary, "view": view, "search": draw_search(result)}
-    return draw_mosaic(_draw_result(image, result, camera), thumbnails, lines=describe_result(result))
-
-
-def draw_mosaic(image: np.ndarray, thumbnails: Mapping[str, np.ndarray], *, lines: Sequence[str] = ()) -> np.ndarray:
-    """A copy of the image with thumbnails, and text to their right, on a dark strip along the upper quarter.
-
-    `thumbnails` are RGB images or masks (see `to_rgb`) of any size by title, at least one, in order from the left.
-    `lines` of text take the right 30 % of the strip.
-    """
-    drawn = require_rgb(image).copy()
-    height, width = image.shape[:2]
-    strip, margin, title_px = drawn[: height // 4], max(2, height // 90), max(6, height // 36)
-    darken(strip, 0.75)
-    left, top = margin, margin + line_height(title_px)
-    room = int((width * (0.7 if lines else 1.0) - margin) / len(thumbnails) - margin), len(strip) - margin - top
-    for title, thumbnail in thumbnails.items():
-        large = to_rgb(thumbnail)
-        scale = min(room[0] / large.shape[1], room[1] / large.shape[0])
-        size_px = max(1, int(large.shape[1] * scale)), max(1, int(large.shape[0] * scale))
-        right = left + size_px[0]
-        strip[top : top + size_px[1], left:right] = cv2.resize(large, size_px, interpolation=cv2.INTER_AREA)
-        above = strip[:, max(0, left - text_margin(title_px)) : right + margin]
-        put_text(above, title, size_px=title_px, panel_alpha=0)
-        left = right + margin
-    if lines:
-        put_text(strip[:, left:], lines, size_px=round(height / 24), panel_alpha=0)
     return drawn
 
 
@@ -177,15 +130,6 @@ def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: Colour) -> n
     columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
     inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
     drawn[rows[inside], columns[inside]] = colour
-    return drawn
-
-
-def draw_fit(view: np.ndarray, left_px: np.ndarray | None, right_px: np.ndarray | None) -> np.ndarray:
-    """Draw two fitted curves on an image or mask. Returns RGB. A curve that is None is not drawn."""
-    drawn = to_rgb(view)
-    for points, colour in ((left_px, LEFT_COLOUR), (right_px, RIGHT_COLOUR)):
-        if points is not None:
-            draw_polyline(drawn, finite_points(points), colour, drawn.shape[1] / 200)
     return drawn
 
 

@@ -41,6 +41,11 @@ class Dataset:
         return self.root / "camera_cal"
 
     @property
+    def board_files(self) -> list[Path]:
+        """The chessboard pictures in natural order."""
+        return list_pictures(self.boards)
+
+    @property
     def stills(self) -> list[Path]:
         """The test pictures in natural order."""
         return list_pictures(self.root / "test_images")

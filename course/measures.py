@@ -5,21 +5,16 @@ Truth is a frame of truth.json (see course.dataset): points of both lines in the
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from classic.finder import LaneResult
-from classic.search import binary_pixels
-from classic.warp import FourPointWarp, birdseye_to_road
+from classic.warp import FourPointWarp
 from lanes.camera import Camera
 
 # The range that a driver needs: from the bonnet to about a second ahead on a motorway.
 NEAR_M, FAR_M = 5.0, 30.0
-# Distances in that range at which the truth CSV of a drive has columns.
-DRIVE_X_M = (5, 10, 15, 20, 30)
 
 
 class HasLines(Protocol):
@@ -45,23 +40,6 @@ def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float 
     return float(np.abs(detected - true).max())
 
 
-def drive_errors_m(rows: Mapping[str, np.ndarray], truth: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Largest lateral distance (N,) between tracked and true lines in each frame of a drive, 5 to 30 m ahead, metres.
-
-    It is infinite in frames without both lines. `rows` is telemetry with left_c0_m, left_c1, left_c2_per_m, optionally
-    left_c3_per_m2, and the same for right, each (N,). `truth` is the drive's truth with left_y05_m, left_y10_m, ... at
-    these distances ahead, and the same for right, each (M,), M >= N.
-    """
-    worst = np.zeros(len(rows["left_c0_m"]))
-    for side in ("left", "right"):
-        c = [rows[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m")]
-        c.append(rows.get(f"{side}_c3_per_m2", np.zeros_like(worst)))
-        for x_m in DRIVE_X_M:
-            tracked = c[0] + c[1] * x_m + c[2] * x_m**2 / 2 + c[3] * x_m**3 / 6
-            worst = np.maximum(worst, np.abs(tracked - truth[f"{side}_y{x_m:02d}_m"][: len(worst)]))
-    return np.where(np.isnan(worst), np.inf, worst)
-
-
 def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m: ArrayLike) -> np.ndarray:
     """Width (N,), in columns of the bird's-eye view, of a straight lane at distances (N,), metres.
 
@@ -76,11 +54,6 @@ def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m:
     lines = (np.column_stack([x, c0 + heading * x]) for c0, heading in np.asarray(lines_m, float))
     left, right = (warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(line))) for line in lines)
     return right[:, 0] - left[:, 0]
-
-
-def binary_on_road(result: LaneResult, camera: Camera) -> np.ndarray:
-    """Road points (N, 2), metres, of the set pixels of a classic result's binary."""
-    return birdseye_to_road(binary_pixels(result.warped_binary), result.warp, camera)
 
 
 def marking_precision(
@@ -145,6 +118,24 @@ def check(name: str, measured: float, truth: float | None, unit: str, *, within:
         f"{name}: {measured:.{digits}f} {unit}, truth {truth:.{digits}f} {unit}, "
         f"off by {error:.{digits}f} {unit} (allowed {within:g} {unit})"
     )
+    if not error <= within:
+        raise AssertionError(sentence)
+    return sentence
+
+
+def check_error(name: str, error: float | None, unit: str, *, within: float, digits: int = 1) -> str:
+    """Compare an error with the largest one allowed: "paint, median: error 0.1 px (allowed 1 px)".
+
+    `error` is None if no truth is known, as for real pictures. `digits` are the decimals printed.
+
+    Raises
+    ------
+    AssertionError
+        If the error is larger than `within`.
+    """
+    if error is None:
+        return f"{name}: error not known (no truth for these pictures)"
+    sentence = f"{name}: error {error:.{digits}f} {unit} (allowed {within:g} {unit})"
     if not error <= within:
         raise AssertionError(sentence)
     return sentence

@@ -1,8 +1,9 @@
-"""Sketch of the sign conventions: the road from above, the camera from the side and from behind."""
+"""Geometry sketches of the course: pinhole camera, homography, ray to the road, bird's-eye grid, sign conventions."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,81 +14,217 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Point = tuple[float, float]
+INK, GUIDE, RED, BLUE = "0.2", "0.55", "tab:red", "tab:blue"
+ROAD, GROUND, SKY, PALE_RED, PALE_BLUE = "0.87", "#f1f4ea", "#e9f3fb", "#f2b8b8", "#d3e4f3"
+TEXT_PT, FORMULA_PT, LENGTH = 16, 23, "<|-|>"
 
-ROAD, ARROW, ANGLE, GUIDE = "0.25", "tab:red", "tab:blue", "0.6"
-# Slope of the sketched lane at the car: the tangent of its heading.
-SLOPE = 0.2
 
+def sketch(name: str) -> tuple[Figure, np.ndarray]:
+    """Plot a sketch of the geometry with its formula, 960 pixels wide.
 
-def sketch_conventions() -> tuple[Figure, np.ndarray]:
-    """Plot the axes of the road frame and the positive direction of offset, curvature, heading, yaw, pitch and roll."""
-    figure, axes = new_figure(1, 3, (12, 4.2), gridspec_kw={"width_ratios": [1.5, 1, 1]})
-    _sketch_from_above(axes[0])
-    _sketch_from_the_side(axes[1])
-    _sketch_from_behind(axes[2])
-    for axis in axes:
-        axis.set_axis_off()
-        axis.set_aspect("equal")
+    Parameters
+    ----------
+    name : {"pinhole", "homography", "ray", "grid", "conventions"}
+        Similar triangles of a camera; division by the depth; the ray of a pixel meets the road; cells of a grid on the
+        road and their pixels; signs of offset, curvature, heading, yaw, pitch and roll.
+
+    Returns
+    -------
+    figure, axes : Figure, ndarray of Axes
+        12 inches wide at 80 dots per inch; one axes for each panel.
+
+    Raises
+    ------
+    ValueError
+        If there is no sketch of this name.
+    """
+    # function that plots the panels, their widths, height of the figure in inches
+    sketches: dict[str, tuple[Callable[..., None], list[float], float]] = {
+        "pinhole": (_sketch_pinhole, [1], 5.2),
+        "homography": (_sketch_homography, [1.35, 1], 4.8),
+        "ray": (_sketch_ray, [1], 4.6),
+        "grid": (_sketch_grid, [2, 3], 5.2),
+        "conventions": (_sketch_conventions, [6, 9, 9], 5.2),
+    }
+    if name not in sketches:
+        raise ValueError(f"there is no sketch {name!r}; choose one of {', '.join(sketches)}.")
+    plot, widths, height_in = sketches[name]
+    place = {"width_ratios": widths, "left": 0, "right": 1, "bottom": 0, "top": 1, "wspace": 0}
+    look = {"aspect": "equal", "frame_on": False, "xticks": [], "yticks": []}
+    figure, axes = new_figure(1, len(widths), (12, height_in), layout="none", gridspec_kw=place, subplot_kw=look)
+    plot(*axes)
     return figure, axes
 
 
-def _sketch_from_above(axis: Axes) -> None:
-    """A bend to the left; the car is left of the centre. Plotted with y to the left, so the columns are -y."""
-    x = np.linspace(0, 7.5, 50)
-    for c0, style in ((1.0, "-"), (-2.6, "-"), (-0.8, ":")):
-        axis.plot(-(c0 + SLOPE * x + 0.03 * x**2), x, style, color=ROAD if style == "-" else GUIDE)
-    axis.fill([-0.45, 0.45, 0.45, -0.45], [-1.3, -1.3, 0.7, 0.7], color="0.85", ec=ROAD)
-    _arrow(axis, (0, 0), (0, 2.6), "x forward", (0.2, 2.7))
-    _arrow(axis, (0, 0), (-2.3, 0), "y left", (-2.9, 0.15))
-    axis.plot([0, 0], [2.6, 7], "--", color=GUIDE, lw=1)
-    _arc(axis, (0, 0), 4.2, 90, 112, "yaw > 0:\ncamera looks left", (2.0, 3.9))
-    axis.plot([0, -2.1], [0, 5.2], color=ANGLE, lw=1)
-    _arrow(axis, (0.8, -0.3), (0, -0.3), "offset > 0: car left\nof the lane centre (dotted)", (2.8, -0.6), ANGLE)
-    axis.plot([0.8, 0.8], [0, 2.4], "--", color=GUIDE, lw=1)
-    axis.plot([0.8, 0.8 - 2.4 * SLOPE], [0, 2.4], color=ANGLE, lw=1)
-    _arc(axis, (0.8, 0), 2.1, 90, 90 + np.degrees(np.arctan(SLOPE)), "heading > 0: road\npoints left of x", (2.9, 1.3))
-    axis.text(0.6, 6.9, "curvature > 0: road bends left", color=ANGLE)
-    axis.set(xlim=(-3.8, 7.2), ylim=(-1.8, 7.8), title="From above")
+def _sketch_pinhole(axis: Axes) -> None:
+    """Camera axes from above: X to the right, Z up."""
+    axis.fill([0, 0, 4.68], [0, 5.2, 5.2], fc=PALE_BLUE, ec=BLUE, lw=2)
+    axis.fill([0, 0, 1.8], [0, 2, 2], fc=PALE_RED, ec=RED, lw=2)
+    axis.plot([-3.2, 4.6], [2, 2], color=INK, lw=3)
+    axis.plot([0, 0], [5.2, 5.7], "--", color=GUIDE)
+    _draw_camera(axis, (0, 0), 90)
+    _arrow(axis, (0, 5.2), (4.68, 5.2), "$X$", (2.3, 4.8), BLUE, LENGTH)
+    _arrow(axis, (-3.6, 0), (-3.6, 5.2), "distance $Z$", (-5.2, 3), BLUE, LENGTH)
+    _arrow(axis, (-0.4, 0), (-0.4, 2), "focal length $f$", (-1.95, 1), RED, LENGTH)
+    _arrow(axis, (0, 2), (1.8, 2), "$u - c_x$", (0.95, 2.4), RED, LENGTH)
+    _dot(axis, (4.68, 5.2), BLUE)
+    _dot(axis, (1.8, 2), RED)
+    _say(axis, (0, 6.1), "optical axis")
+    _say(axis, (5, 5.2), "point at $(X, Z)$", BLUE, "left")
+    _say(axis, (-0.15, 2.4), "column $c_x$", align="right")
+    _say(axis, (2.05, 1.6), "column $u$ of its pixel", RED, "left")
+    _say(axis, (4.8, 2), "image", align="left")
+    _say(axis, (0.5, -0.35), "camera, from above", align="left")
+    _say(axis, (8.5, 4), "red and blue triangle\nhave the same shape:")
+    _say(axis, (8.5, 2.7), r"$u - c_x = f\,\dfrac{X}{Z}$", size=FORMULA_PT)
+    axis.set(xlim=(-6.8, 10.9), ylim=(-1.05, 6.6))
 
 
-def _sketch_from_the_side(axis: Axes) -> None:
-    axis.plot([-1, 6], [0, 0], color=ROAD)
-    axis.plot([0, 0], [0, 2], ":", color=GUIDE)
-    axis.text(0.1, 0.85, "height")
-    axis.plot([0, 5.5], [2, 2], "--", color=GUIDE, lw=1)
-    axis.plot([0, 5], [2, 0.75], color=ANGLE)
-    _arc(axis, (0, 2), 3.4, -14, 0, "pitch > 0:\ncamera looks down", (2.6, 2.3))
-    _camera(axis, (0, 2))
-    _arrow(axis, (0, 0), (1.8, 0), "x", (1.8, -0.5))
-    _arrow(axis, (0, 0), (0, 0.8), "z up", (-0.95, 0.5))
-    axis.set(xlim=(-1.2, 6), ylim=(-0.9, 4), title="From the side")
+def _sketch_homography(side: Axes, image: Axes) -> None:
+    """Depths of a near and a far point, and the lines of the road in the image, true to these depths."""
+    side.plot([-2.2, 16.8], [0, 0], color=INK, lw=3)
+    image.fill([-1.7, 1.7, 1.7, -1.7], [-0.42, -0.42, 1.75, 1.75], fc=SKY, ec=INK, lw=3)
+    image.fill([-1.25, 0, 1.25], [1.75, 0, 1.75], fc=ROAD, ec=INK, lw=2)
+    _draw_camera(side, (0, 3.2), 0)
+    for name, depth, top, colour in (("near", 5, 4.8, RED), ("far", 15, 6.9, BLUE)):
+        side.plot([0, 0, depth, depth], [3.2, top, top, 0], ":", color=GUIDE)
+        side.plot([0, depth], [3.2, 0], color=colour)
+        _arrow(side, (0, top), (depth, top), rf"depth $\lambda$: {depth} m", (depth / 2, top + 0.7), colour, LENGTH)
+        _say(side, (depth, -1), f"{name} point", colour)
+        _say(image, (5 / depth + 0.12, 7 / depth), f"{depth} m", colour, "left")
+        for axis, at in ((side, (depth, 0)), (image, (-5 / depth, 7 / depth)), (image, (5 / depth, 7 / depth))):
+            _dot(axis, at, colour)
+    _say(image, (0, -0.17), "vanishing point")
+    _say(image, (0, 1.94), "depth × 3: size ÷ 3")
+    _say(side, (7.3, 9), "Road point $(x, y)$: append 1, multiply by $H$")
+    _say(image, (0, -0.6), r"Image: divide by the depth $\lambda$")
+    formula = r"$(a,\ b,\ \lambda)^\top = H\,(x,\ y,\ 1)^\top \qquad\qquad\quad (u,\ v) = (a/\lambda,\ b/\lambda)$"
+    _say(side, (14.6, -3.15), formula, size=FORMULA_PT)
+    side.set(xlim=(-2.7, 17.3), ylim=(-4.2, 9.7))
+    image.set(xlim=(-1.8, 1.8), ylim=(2.6, -0.79))
 
 
-def _sketch_from_behind(axis: Axes) -> None:
-    axis.plot([-3, 3], [0, 0], color=ROAD)
-    angle = np.radians(-12)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    frame = np.array([[-2, -1.1], [2, -1.1], [2, 1.1], [-2, 1.1], [-2, -1.1]]) @ turn.T + [0, 2]
-    axis.plot(*frame.T, color=ANGLE)
-    axis.plot([0, 2.7], [2, 2], "--", color=GUIDE, lw=1)
-    axis.plot([0, 2.6], [2, 2 + 2.6 * np.tan(angle)], color=ANGLE, lw=1)
-    _arc(axis, (0, 2), 2.4, -12, 0, "roll > 0:\nright side down", (0.6, 3.4))
-    _arrow(axis, (0, 0), (-1.8, 0), "y left", (-2.6, -0.6))
-    _arrow(axis, (0, 0), (0, 0.8), "z", (0.15, 0.4))
-    axis.set(xlim=(-3.2, 3.2), ylim=(-0.9, 4.3), title="From behind")
+def _sketch_ray(axis: Axes) -> None:
+    """A ray 19 degrees below the horizon; the pitch of 7 degrees and its error of 5 degrees are exaggerated."""
+    meets, wrong = 3.6 / np.tan(np.radians([19, 24]))
+    axis.plot([-1.5, 15], [0, 0], [1.7, 1.9], [2.6, 4.2], color=INK, lw=3)
+    axis.plot([0, 12.5], [3.6, 3.6], [0, 11.5], [3.6, 3.6 - 11.5 * np.tan(np.radians(7))], color=GUIDE, ls="--")
+    axis.plot([0, meets], [3.6, 0], color=BLUE)
+    axis.plot([0, wrong], [3.6, 0], "--", color=RED)
+    _draw_camera(axis, (0, 3.6), -7)
+    _arc(axis, (0, 3.6), 9, (-7, 0), "pitch", (9.9, 3.1), INK)
+    _arc(axis, (0, 3.6), 4.5, (-19, 0), r"$\alpha$", (5, 2.6))
+    _arc(axis, (0, 3.6), 6, (-24, -19), r"$\varepsilon$", (6.15, 1.2), RED)
+    _arrow(axis, (0, 0), (0, 3.4), "height $h$", (-1.4, 1.8), INK, LENGTH)
+    _arrow(axis, (0, -0.55), (meets, -0.55), "distance $x$", (meets / 2, -1.05), BLUE, LENGTH)
+    _arrow(axis, (meets, 0), (wrong + 0.15, 0), "a small pitch error $\\varepsilon$\nmoves the point", (13.3, 0.95))
+    for at, colour in (((meets, 0), BLUE), ((1.77, 2.99), BLUE), ((wrong, 0), RED)):
+        _dot(axis, at, colour)
+    _say(axis, (12.7, 3.6), "horizon", align="left")
+    _say(axis, (11.7, 2.2), "optical axis", align="left")
+    _say(axis, (1.9, 4.55), "image")
+    _say(axis, (2.2, 3.95), "ray of a pixel", BLUE, "left")
+    _say(axis, (14.4, -0.4), "road")
+    _say(axis, (8.2, 4.9), r"$\alpha$: angle below the horizon", BLUE, "left")
+    _say(axis, (6.4, 4.9), r"$x = \dfrac{h}{\tan\,\alpha}$", size=FORMULA_PT)
+    axis.set(xlim=(-2.9, 15.8), ylim=(-1.5, 5.67))
 
 
-def _camera(axis: Axes, at: Point) -> None:
-    axis.plot(*at, "s", color=ROAD, markersize=9)
+def _sketch_grid(road: Axes, image: Axes) -> None:
+    """The camera is 1.3 m high, has the focal length 1150 px and looks along the road; the road is 9.6 m wide."""
+    road.fill([-4.8, 4.8, 4.8, -4.8], [-3, -3, 21.3, 21.3], color=ROAD)
+    road.fill([-0.9, 0.9, 0.9, -0.9], [-3, -3, 1.5, 1.5], color=INK)
+    image.fill([0, 1280, 1280, 0], [0, 0, 360, 360], color=SKY, lw=0)
+    image.fill([0, 1280, 1280, 0], [360, 360, 720, 720], color=GROUND, lw=0)
+    image.fill([0, 0, 640, 1280, 1280], [720, 533, 360, 533, 720], color=ROAD, lw=0)
+    image.fill([0, 1280, 1280, 0], [0, 0, 720, 720], fc="none", ec=INK, lw=3)
+    _draw_grid(road, lambda x, y: (-y, x), "$(x, y)$")
+    _draw_grid(image, lambda x, y: (640 - 1150 * y / x, 360 + 1150 * 1.3 / x), "$(u, v)$")
+    look = {"arrowstyle": "-|>", "color": RED, "lw": 2.5, "mutation_scale": 22, "connectionstyle": "arc3,rad=-0.3"}
+    image.annotate("", (458, 517), (-1.5, 9.5), "data", road.transData, arrowprops=look | {"shrinkB": 6})
+    _say(road, (0, -0.8), "car", "white")
+    _say(road, (7.5, 18), "for each cell:\nwhich pixel?", RED)
+    _say(road, (0, 22.2), "Grid on the road, in metres")
+    _say(image, (640, -60), "The same grid in the image")
+    _say(image, (193, 787), r"$(u,\ v) = \mathrm{project}\,(x,\ y,\ 0)$", size=FORMULA_PT)
+    road.set(xlim=(-5.6, 9.9), ylim=(-7.2, 24), aspect="auto")
+    image.set(xlim=(-30, 1310), ylim=(850, -118))
 
 
-def _arrow(axis: Axes, start: Point, end: Point, text: str, text_at: Point, colour: str = ARROW) -> None:
-    axis.annotate("", end, start, arrowprops={"arrowstyle": "-|>", "color": colour, "lw": 1.8})
-    axis.text(*text_at, text, color=colour)
+def _draw_grid(axis: Axes, place: Callable[[Any, Any], tuple[Any, Any]], label: str) -> None:
+    """A grid 5 to 20 m ahead with a marked cell; `place` maps x, y on the road to the axes."""
+    across, along = place(*np.meshgrid(np.arange(5, 21, 3), np.arange(-2, 3)))
+    axis.fill(across[[3, 4, 4, 3], [1, 1, 2, 2]], along[[3, 4, 4, 3], [1, 1, 2, 2]], color=PALE_RED)
+    axis.plot(across, along, across.T, along.T, color=BLUE)
+    _dot(axis, place(9.5, 1.5), RED)
+    _say(axis, place(9.5, 2.4), label, RED, "right")
+    for distance in (5, 20):
+        _say(axis, place(distance, -2.3), f"{distance} m", align="left")
 
 
-def _arc(axis: Axes, centre: Point, radius: float, start_deg: float, end_deg: float, text: str, text_at: Point) -> None:
-    """An arc of an angle with its label."""
-    angles = np.radians(np.linspace(start_deg, end_deg, 20))
-    axis.plot(centre[0] + radius * np.cos(angles), centre[1] + radius * np.sin(angles), color=ANGLE)
-    axis.text(*text_at, text, color=ANGLE)
+def _sketch_conventions(camera: Axes, lane: Axes, tilt: Axes) -> None:
+    """Camera and lane from above, with y to the left, so the columns are -y; camera from the side and from behind."""
+    _arrow(camera, (0, 0), (0, 3), "$x$ forward", (1.5, 2.2))
+    _arrow(camera, (0, 0), (-2.2, 0), "$y$ left", (-1.75, 0.5))
+    camera.plot([0, 0], [3, 5.6], "--", color=GUIDE)
+    camera.plot([0, -1.9], [0, 5.4], color=BLUE)
+    _arc(camera, (0, 0), 4.7, (90, 109.4), "yaw > 0:\ncamera looks left", (0, 6.5))
+    x = np.linspace(0, 5.6, 50)
+    for start, style in ((-1, "-"), (2.8, "-"), (0.9, ":")):
+        lane.plot(start - 0.2 * x - 0.04 * x**2, x, style, color=INK)
+    lane.plot([0.9, 0.9], [0, 4], "--", color=GUIDE)
+    lane.plot([0.9, 0.1], [0, 4], color=BLUE)
+    _arrow(lane, (0.9, -0.3), (0, -0.3), "offset > 0: car left\nof the lane centre", (3, -1.2), BLUE)
+    _arc(lane, (0.9, 0), 3.6, (90, 101.3), "heading > 0:\nlane points left", (3.7, 3.6))
+    _say(lane, (0.3, 6.5), "curvature $\\kappa = 1/R > 0$:\nroad bends left", BLUE)
+    for axis, title, across in ((camera, "Camera from above", (-3, 3)), (lane, "Lane from above", (-3.6, 5.4))):
+        axis.fill([-0.5, 0.5, 0.5, -0.5], [-1.5, -1.5, 0.7, 0.7], fc=ROAD, ec=INK)
+        _say(axis, (0, 7.8), title)
+        axis.set(xlim=across, ylim=(-2.2, 8.2))
+    _sketch_tilt(tilt)
+
+
+def _sketch_tilt(axis: Axes) -> None:
+    axis.plot([-1.2, 5.6], [3.8, 3.8], [-1.2, 5.6], [-1.2, -1.2], color=INK, lw=3)
+    axis.plot([0, 5.5], [6.2, 6.2], [1, 3.6], [1.2, 1.2], color=GUIDE, ls="--")
+    frame = np.exp(-0.2j) * np.array([-1.7 - 0.8j, 1.7 - 0.8j, 1.7 + 0.8j, -1.7 + 0.8j]) + 1 + 1.2j
+    axis.fill(frame.real, frame.imag, fc=SKY, ec=BLUE)
+    axis.plot([0, 5.3], [6.2, 4.6], [1, 3.5], [1.2, 0.69], color=BLUE)
+    _draw_camera(axis, (0, 6.2), -16.8)
+    _arc(axis, (0, 6.2), 4, (-16.8, 0), "pitch > 0: camera looks down", (3.1, 7))
+    _arc(axis, (1, 1.2), 2.3, (-11.5, 0), "roll > 0:\nright side down", (5.2, 0.2))
+    _arrow(axis, (0, 3.8), (2.2, 3.8), "$x$", (2.5, 3.4))
+    _arrow(axis, (0, 3.8), (0, 5.4), "$z$ up", (0.7, 4.9))
+    _arrow(axis, (1, -1.2), (-1.2, -1.2), "$y$ left", (-0.6, -1.7))
+    _arrow(axis, (1, -1.2), (1, 0), "$z$", (1.4, -0.5))
+    _say(axis, (3.1, 7.8), "From the side")
+    _say(axis, (1, 2.7), "From behind")
+    axis.set(xlim=(-1.6, 7.4), ylim=(-2.2, 8.2))
+
+
+def _say(axis: Axes, at: Point, text: str, colour: str = INK, align: str = "center", size: float = TEXT_PT) -> None:
+    axis.text(*at, text, color=colour, fontsize=size, ha=align, va="center")
+
+
+def _dot(axis: Axes, at: Point, colour: str) -> None:
+    axis.plot(*at, "o", color=colour, markersize=10, zorder=3)
+
+
+def _arrow(axis: Axes, start: Point, end: Point, text: str, at: Point, colour: str = RED, heads: str = "-|>") -> None:
+    look = {"arrowstyle": heads, "color": colour, "lw": 2.5, "mutation_scale": 22, "shrinkA": 0, "shrinkB": 0}
+    axis.annotate("", end, start, arrowprops=look)
+    _say(axis, at, text, colour)
+
+
+def _arc(axis: Axes, at: Point, radius: float, ends: Point, text: str, text_at: Point, colour: str = BLUE) -> None:
+    """An arc of an angle, from end to end in degrees, with its label."""
+    angles = np.radians(np.linspace(*ends, 20))
+    axis.plot(at[0] + radius * np.cos(angles), at[1] + radius * np.sin(angles), color=colour)
+    _say(axis, text_at, text, colour)
+
+
+def _draw_camera(axis: Axes, at: Point, angle_deg: float) -> None:
+    """A camera whose lens ends `at`, turned from the x axis; the same size in every sketch."""
+    outline = np.array([3j, -3 + 1j, -3 + 3j, -11 + 3j, -11 - 3j, -3 - 3j, -3 - 1j, -3j])
+    outline *= np.exp(1j * np.radians(angle_deg))
+    axis.plot(*at, marker=np.column_stack([outline.real, outline.imag]), color=INK, markersize=70, zorder=3)

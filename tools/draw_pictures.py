@@ -1,4 +1,4 @@
-"""Draw the pictures of README.md and docs/when_it_fails.md again, into docs/pictures.
+"""Draw the pictures of README.md, project.ipynb and docs/when_it_fails.md again, into docs/pictures.
 
     python -m tools.draw_pictures
 
@@ -20,6 +20,7 @@ import numpy as np
 from PIL import Image
 
 from benchmark.scored_drive import PROJECT_ROOT
+from course.sketch import sketch
 from lanes.camera import Camera, load_camera
 from lanes.explain import explain
 from lanes.figures import save_figure, show_explanation
@@ -33,6 +34,8 @@ PICTURES = PROJECT_ROOT / "docs" / "pictures"
 SIZE_PX, QUALITY = (640, 360), 55
 # Every second frame of 25 a second shows the motion and keeps the file small.
 STEP = 2
+# Sketches of the geometry in the course.
+SKETCHES = ("pinhole", "homography", "ray", "grid", "conventions")
 # Image -> still and error of its camera pitch, degrees.
 STILLS = {"good": ("test4", 0.0), "wrong_pose": ("test6", -3.0)}
 # Image -> scene and time of the frame, seconds.
@@ -67,6 +70,8 @@ def read_frame(scene: str, time_s: float) -> tuple[np.ndarray, Camera]:
 def main() -> None:
     """Draw the pictures; print the size of the animation, and the explanations."""
     ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter).parse_args()
+    for name in SKETCHES:
+        print(save_figure(sketch(name)[0], PICTURES / f"sketch_{name}.png"))
     animation = animate(VIDEO)
     write_atomically(PICTURES / "tracked.webp", animation)
     print(f"tracked.webp: {len(animation) / 1e6:.2f} MB")

@@ -1,19 +1,27 @@
-"""Exercises of chapter 8, draw the lane back."""
+"""Exercises of chapter 8, draw the lane back and track it."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
-from course.exercises.verdict import Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
+from course.plots import plot_series
 from lanes.camera import Camera
 
 # 8.1: distance of the bar, and how far its ends may be off.
 BAR_AT_M, TOLERANCE_PX = 7.0, 2.0
+# 8.2: the seconds of the video in which a car is alongside, frames a second, largest offset error, and the share of the
+# frames that must have a lane.
+ALONGSIDE_S, FPS = (4.1, 7.2), 25
+OFFSET_TOLERANCE_M, LEAST_FOUND = 0.4, 0.6
+
+Line = Sequence[float] | np.ndarray
+IsPlausible = Callable[[Line, Line], object]
 
 
-def check_bar(bar_px: np.ndarray, *, left: Sequence[float], right: Sequence[float], camera: Camera) -> Verdict:
+def check_bar(bar_px: np.ndarray, *, left: Line, right: Line, camera: Camera) -> Verdict:
     """8.1: raw pixels (2, 2) of the ends of a bar across the lane; lines are (c2 / 2, c1, c0) in metres."""
     if np.shape(bar_px) != (2, 2):
         return hint(f"give two points (column, row), an array of shape (2, 2); yours has shape {np.shape(bar_px)}.")
@@ -39,4 +47,63 @@ def check_bar(bar_px: np.ndarray, *, left: Sequence[float], right: Sequence[floa
     return correct(f"both ends are within {max(off_px(true_px), 0.1):.1f} px.")
 
 
-CHECKS = {"8.1": check_bar}
+def check_sanity(
+    is_plausible: IsPlausible,
+    *,
+    follow: Callable[[IsPlausible, float, float], np.ndarray],
+    lane: tuple[Line, Line],
+    truth: Mapping[str, np.ndarray] | None,
+) -> Verdict:
+    """8.2: the sanity check of a memory, tried on pairs of lines (A, B, C) and on a drive that begins beside a car.
+
+    `follow` gives the offset of each frame between two times, for a memory with a sanity check.
+    """
+    left, right = lane
+    answer = is_plausible(left, right)
+    if answer is None:
+        return NOT_TRIED
+    if not answer:
+        return hint("it refuses the lane of chapter 7. The width of a lane is about 3.7 m, give or take half a metre.")
+    for sentence, pair in _wrong_pairs(left, right).items():
+        if is_plausible(*pair):
+            return hint(sentence)
+    before, after = (follow(check, *ALONGSIDE_S) for check in (lambda left, right: True, is_plausible))
+    return _judge_drive(before, after, truth)
+
+
+def _wrong_pairs(left: Line, right: Line) -> dict[str, tuple[Line, Line]]:
+    """Pairs of lines that are no lane, each with the hint to one who accepts it."""
+    spread = np.add(left, (0, 0.35, -0.35 * 719))
+    bend = np.array([4.5e-3, -2 * 4.5e-3 * 719, 4.5e-3 * 719**2])
+    width = np.array([0, 0, np.polyval(np.subtract(left, right), 719)])
+    return {
+        "it accepts the same line twice. Which width has a lane?": (left, left),
+        "it accepts a lane whose left line is on the right. Which sign has the width?": (right, left),
+        "it accepts lines that are not parallel: compare their width near the car and 25 m ahead.": (spread, right),
+        "it accepts a bend of 50 m radius. Which curvature can a motorway have?": (right + bend + width, right + bend),
+    }
+
+
+def _judge_drive(before: np.ndarray, after: np.ndarray, truth: Mapping[str, np.ndarray] | None) -> Verdict:
+    """Offsets (N,) without and with the sanity check against the truth, and a plot of them."""
+    times_s = ALONGSIDE_S[0] + np.arange(len(after)) / FPS
+    curves = {"before": before, "with your check": after}
+    found = np.mean(np.isfinite(after))
+    if truth is not None:
+        first = round(ALONGSIDE_S[0] * FPS)
+        curves["truth"] = truth["offset_m"][first : first + len(after)]
+    plot_series(times_s, {"offset (m)": curves}, title="The memory that begins beside the car")
+    if found < LEAST_FOUND:
+        return hint(f"only {found:.0%} of the frames have a lane: the check is too strict.")
+    if truth is None:
+        return correct(f"{found:.0%} of the frames have a lane (no truth known for this video).")
+    worst = {name: float(np.nanmax(np.abs(curves[name] - curves["truth"]))) for name in ("before", "with your check")}
+    if worst["with your check"] > OFFSET_TOLERANCE_M:
+        return hint(f"the offset is still wrong by {worst['with your check']:.1f} m. Which pair does it believe there?")
+    return correct(
+        f"the offset was wrong by up to {worst['before']:.1f} m, now by {worst['with your check']:.1f} m; "
+        f"{found:.0%} of the frames have a lane."
+    )
+
+
+CHECKS: Checks = {"8.1": check_bar, "8.2": check_sanity}

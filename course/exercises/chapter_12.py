@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from course.exercises.drawings import draw_filtered_drive
+from course.exercises.gated_drive import filter_drive
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 
 Correct = Callable[..., tuple[np.ndarray, np.ndarray]]
@@ -19,6 +21,14 @@ H, R = np.eye(3)[:2], np.array([[9e-4, 1e-5], [1e-5, 4e-6]])
 
 def check_gate(correct_state: Correct) -> Verdict:
     """12.1: the correct step with a gate."""
+    verdict = _check_step(correct_state)
+    if verdict is not NOT_TRIED and (drive := filter_drive(correct_state)):
+        draw_filtered_drive(drive)
+    return verdict
+
+
+def _check_step(correct_state: Correct) -> Verdict:
+    """A measurement close to the state, then the gate."""
     near = STATE[:2] + [0.03, 0.002]
     try:
         found = _call(correct_state, near)
@@ -28,7 +38,7 @@ def check_gate(correct_state: Correct) -> Verdict:
         return hint(f"the shapes do not match ({error}). H is not square here: S = H P H^T + R, K = P H^T S^-1.")
     if found is None:
         return NOT_TRIED
-    if not isinstance(found, (tuple, list)) or [np.shape(part) for part in found] != [(3,), (3, 3)]:
+    if not _is_step(found):
         return hint("return two values: the state (3,) and its covariance P (3, 3).")
     state, covariance = found
     expected, expected_p = _correct(near)
@@ -51,6 +61,8 @@ def _check_distances(correct_state: Correct) -> Verdict:
         found = _call(correct_state, z)
         if found is None:
             return hint(f"None is returned at d^2 = {squared:.1f}. Return the state and P, both unchanged if rejected.")
+        if not _is_step(found):
+            return hint(f"at d^2 = {squared:.1f} return two values, too: the state (3,) and its covariance P (3, 3).")
         accepted = not np.allclose(found[0], STATE, atol=1e-9)
         if accepted and squared > GATE:
             return hint(
@@ -65,6 +77,11 @@ def _check_distances(correct_state: Correct) -> Verdict:
     if not np.allclose(_call(correct_state, z)[1], P, atol=1e-12):
         return hint("a rejected measurement must leave P as it is, too.")
     return correct("the filter takes what fits and skips the neighbouring lane.")
+
+
+def _is_step(found: object) -> bool:
+    """Whether a state (3,) and a covariance (3, 3) were returned."""
+    return isinstance(found, (tuple, list)) and [np.shape(part) for part in found] == [(3,), (3, 3)]
 
 
 def _call(correct_state: Correct, z: np.ndarray) -> Any:

@@ -7,11 +7,8 @@ from classic.finder import LaneFinder
 from classic.overlay import (
     annotate_image,
     describe_result,
-    diagnose,
-    draw_fit,
     draw_lane_between,
     draw_pixels,
-    draw_search,
     draw_windows,
     follow_lane,
 )
@@ -68,7 +65,6 @@ def test_a_lost_lane_is_said_and_nothing_is_drawn():
     assert describe_result(lost) == ["lane lost"]
     annotated = annotate_image(black, lost, CAMERA)
     assert annotated[:200].any() and not annotated[200:].any()
-    assert diagnose(black, lost, CAMERA).shape == black.shape
 
 
 def test_following_gives_each_frame_its_image_and_numbers(image):
@@ -79,19 +75,10 @@ def test_following_gives_each_frame_its_image_and_numbers(image):
     assert annotated[300:].any()
 
 
-@pytest.mark.slow
-def test_the_search_shows_windows_pixels_and_lines(result):
-    drawn = draw_search(result)
-    assert drawn.shape == (720, 1280, 3)
-    colours = {tuple(colour) for colour in np.unique(drawn.reshape(-1, 3), axis=0)}
-    assert colours >= {tuple(LEFT_COLOUR), tuple(RIGHT_COLOUR)}
-
-
 def test_every_function_draws_on_a_copy():
     assert_draws_on_a_copy(lambda picture: draw_lane_between(picture, LEFT, RIGHT))
     assert_draws_on_a_copy(lambda picture: draw_windows(picture, [[10, 10, 30, 30]]))
     assert_draws_on_a_copy(lambda picture: draw_pixels(picture, [[3, 4]], colour=LEFT_COLOUR))
-    assert_draws_on_a_copy(lambda picture: draw_fit(picture, LEFT, RIGHT))
 
 
 def test_the_lines_go_through_the_lens_of_pictures_of_this_size():
@@ -136,5 +123,3 @@ def test_windows_pixels_and_fits_are_where_they_are_told(gray):
     np.testing.assert_array_equal(draw_windows(gray, np.empty((0, 4))), gray)
     pixels = draw_pixels(gray, [[5, 7], [-1, 3], [160, 3], [3, 96]], colour=LEFT_COLOUR)
     assert [tuple(p) for p in np.argwhere((pixels != gray).any(axis=2))] == [(7, 5)]  # pixels outside are left out
-    fit = draw_fit(gray, None, [[100, 0], [100, 95]])
-    np.testing.assert_allclose(fit[50, 100], RIGHT_COLOUR, atol=30)

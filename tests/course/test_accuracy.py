@@ -1,4 +1,4 @@
-"""The table of methods on stills: with truth, with labels, with neither; and that of the reader's own finder."""
+"""The table of methods on stills: with truth, with labels, with neither; and the score of the reader's own finder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from benchmark.scored_drive import COMMITTED
 from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
-from course.own_finder import finder_table, score_finder
+from course.own_finder import score_finder
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
@@ -78,7 +78,9 @@ def test_two_lines_are_polynomials_in_metres():
 def test_a_finder_without_a_lane_scores_zero_in_its_own_column():
     rows = score_finder(lambda image, camera: None, every=100, name="nothing")
     assert [row["scene"] for row in rows] == list(COMMITTED)
-    head, _, *lines = finder_table(rows).splitlines()
-    assert head.split("|")[-2].strip() == "nothing"
-    assert len(lines) == len(COMMITTED)
-    assert all(line.split("|")[-2].strip() == "0.0%, lost" for line in lines)
+    assert [row["accuracy"] for row in rows] == [0, 0, 0]
+
+
+def test_a_system_of_the_benchmark_is_scored_by_its_name():
+    first, *_ = score_finder("detector", every=100)
+    assert first["system"] == "detector" and first["accuracy"] == 1

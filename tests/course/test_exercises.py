@@ -1,15 +1,31 @@
 """What the check of an exercise prints, and right answers that differ from the folded solution."""
 
+from types import SimpleNamespace
+
+import cv2
+import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from classic.recipe import get_recipe, recipe_from_pose
-from classic.warp import metres_per_pixel
-from course.exercises import chapter_06, check
+from classic.warp import FourPointWarp, metres_per_pixel
+from course.exercises import chapter_06, check, occlusion
 from course.exercises.chapter_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
+from course.exercises.gated_drive import filter_drive
+from course.exercises.paint import explain_missing, explain_wrong, rate_paint
 from course.exercises.verdict import NOT_TRIED, correct, hint
 from tests.support.painted_drive import CAMERA
+
+CORNERS_M, CORNERS_PX = [[35, 2.2], [35, -2.2], [5, -2.2], [5, 2.2]], [[200, 0], [1080, 0], [1080, 719], [200, 719]]
+WARP = FourPointWarp(CAMERA.undistort_points(CAMERA.road_to_pixels(np.array(CORNERS_M))), CORNERS_PX, (1280, 720))
+STRAIGHT = {"x_m": [0.0, 60.0], "left_y_m": [1.6, 1.6], "right_y_m": [-2.0, -2.0]}
+
+
+@pytest.fixture(autouse=True)
+def close_figures():
+    plt.switch_backend("agg")
+    yield
+    plt.close("all")
 
 
 def test_no_answer_and_an_error_in_the_answer_are_reported_in_one_line(monkeypatch, capsys):
@@ -28,17 +44,65 @@ def test_verdicts_and_unknown_numbers_in_words():
         check_exercise("99.1", 1)
 
 
-@pytest.mark.parametrize("columns", [709, 737, 733.5, 730])
-def test_any_column_of_a_flat_peak_gives_the_lane_width(monkeypatch, columns):
-    """6.1: two peaks of 29 and 22 equally high columns; their inner ends, first, middle and last columns."""
-    histogram = np.zeros(1280)
-    histogram[297:326], histogram[1034:1056] = 360, 720
-    monkeypatch.setattr(chapter_06, "lane_histogram", lambda mask: histogram)
-    warp = recipe_from_pose(get_recipe("hls_sobel"), CAMERA).four_point_warp()
-    view = {"above": np.zeros((720, 1280, 3), np.uint8), "warp": warp, "camera": CAMERA, "truth": None}
-    across_m = metres_per_pixel(warp, CAMERA)[0]
-    assert chapter_06.check_lane_width(columns * across_m, **view).correct
-    assert not chapter_06.check_lane_width((columns + 12) * across_m, **view).correct
+def draw_mask(*pieces_m: tuple[float, float, float], width_px: int = 25) -> np.ndarray:
+    """A mask of pieces along the road: lateral position, first and last distance, metres."""
+    mask = np.zeros((720, 1280), np.uint8)
+    for y_m, *ends_m in pieces_m:
+        points_m = np.array([[x_m, y_m] for x_m in ends_m])
+        (u, v), (u_far, v_far) = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(points_m)))
+        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, width_px)
+    return mask
+
+
+def test_paint_is_rated_by_place_and_by_line():
+    """A solid left line, a right one with a gap, a stripe in the lane, and paint of the next lane, too far to count."""
+    mask = draw_mask((1.6, 4, 35), (-2.0, 4, 12), (-2.0, 20, 35), (0, 8, 16), (-3.15, 8, 16))
+    rating = rate_paint(mask, WARP, CAMERA, STRAIGHT)
+    on_line, beside, not_counted = (np.count_nonzero(m) for m in (rating.on_line, rating.beside, rating.not_counted))
+    assert on_line + beside + not_counted == np.count_nonzero(mask)
+    assert rating.precision == pytest.approx(on_line / (on_line + beside))
+    assert rating.recall == pytest.approx(np.mean(rating.each_recall))
+    left, right = rating.each_recall
+    assert left > 0.9
+    assert left - right == pytest.approx(7 / 25, abs=0.05)  # the drawn ends are round
+    gap = draw_mask((-2.0, 12, 20))
+    assert all(gap[round(v), round(u)] for u, v in np.mean(rating.missed_px, axis=1))
+    assert "narrow" in explain_wrong(rating, WARP, CAMERA)
+    wide = rate_paint(draw_mask((0, 8, 16), width_px=120), WARP, CAMERA, STRAIGHT)
+    assert "wider than a line" in explain_wrong(wide, WARP, CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("level", "rows", "words"),
+    [(255, 1, "White paint"), (100, 81, "opening that is longer"), (100, 67, "leans"), (100, 31, "too high")],
+)
+def test_the_reason_for_missing_dashes_is_named(level, rows, words):
+    """A dash has 73 rows in this view, and one that leans about 60 in a column."""
+    tall = np.ones((rows, 1), np.uint8)
+
+    def make_mask(above):
+        return cv2.morphologyEx(cv2.inRange(above[..., 2].copy(), level, 255), cv2.MORPH_OPEN, tall)
+
+    rating = rate_paint(draw_mask((1.6, 4, 35)), WARP, CAMERA, STRAIGHT)
+    assert words in explain_missing(rating, make_mask, WARP, CAMERA)
+
+
+@pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
+def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
+    """6.1: peaks of 29 and 22 equally high columns; their inner ends, first, middle and last columns."""
+    binary = np.zeros((720, 1280), np.uint8)
+    binary[:, 297:326], binary[:, 1034:1056] = 255, 255
+    across_m = metres_per_pixel(WARP, CAMERA)[0]
+
+    def lane_width(mask, extra_px=0.0):
+        columns = np.flatnonzero(mask.any(axis=0))
+        left, right = columns[columns < 640], columns[columns >= 640]
+        width_px = right[0] - left[-1] if choose == "inner" else choose(right) - choose(left)
+        return (width_px + extra_px) * across_m
+
+    given = {"binary": binary, "warp": WARP, "camera": CAMERA, "truth": None}
+    assert chapter_06.check_lane_width(lane_width, **given).correct
+    assert not chapter_06.check_lane_width(lambda mask: lane_width(mask, 40.0), **given).correct
 
 
 def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
@@ -47,3 +111,72 @@ def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
         return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))
 
     assert check_gate(correct_gated).correct
+
+
+@pytest.mark.parametrize(("limit", "rejected"), [(11.3, 10), (np.inf, 0)])
+def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, rejected):
+
+    def correct_gated(state, covariance, z, noise, matrix):
+        innovation, s = z - matrix @ state, matrix @ covariance @ matrix.T + noise
+        if innovation @ np.linalg.solve(s, innovation) > limit:
+            return state, covariance
+        gain = covariance @ matrix.T @ np.linalg.inv(s)
+        return state + gain @ innovation, covariance - gain @ matrix @ covariance
+
+    drive = filter_drive(correct_gated)
+    assert np.count_nonzero(~drive.accepted) == rejected
+    assert (np.abs(drive.offset_m - drive.true_m).max() < 0.15) == bool(rejected)
+    assert filter_drive(lambda *given: given[:1]) is None
+    assert filter_drive(lambda *given: 1 / 0) is None
+
+
+class TestOcclusion:
+    """13.1: maps of a detector whose lines move by given weights where the image, of level 60, is covered."""
+
+    IMAGE = np.full((720, 1280, 3), 60, np.uint8)
+    WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
+    LOST = (4, 9)
+
+    def find(self, image, camera=CAMERA):
+        covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
+        if covered[self.LOST]:
+            return None
+        moved_m = (self.WEIGHTS_M * covered).sum(axis=(1, 2))
+        return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
+
+    def map_of(self, cover, measure=lambda moved_m: np.abs(moved_m).max(), at_m=20.0):
+        moved_m, before_m = np.ones(occlusion.SHAPE), self.find(self.IMAGE).lateral_m(np.array([at_m]))
+        for row, column in np.ndindex(*occlusion.SHAPE):
+            if lane := self.find(cover(self.IMAGE, row, column)):
+                moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
+        return moved_m
+
+    def explain(self, monkeypatch, moved_m):
+        monkeypatch.setattr(occlusion, "find_lane", self.find)
+        return occlusion.explain_difference(moved_m, self.IMAGE, self.find(self.IMAGE), CAMERA)
+
+    def test_the_right_map_has_no_mistake(self, monkeypatch):
+        assert self.explain(monkeypatch, self.map_of(occlusion.cover_square)) is None
+
+    @pytest.mark.parametrize(
+        ("words", "changed"),
+        [
+            ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
+            ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
+            ("mean of both lines", {"measure": lambda moved_m: np.abs(moved_m).mean()}),
+            ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
+            ("10 m ahead", {"at_m": 10.0}),
+            ("30 m ahead", {"at_m": 30.0}),
+            ("is 0", {"measure": lambda moved_m: 0.0}),
+            (" instead of ", {"measure": lambda moved_m: np.abs(moved_m).max() / 3}),
+        ],
+    )
+    def test_wrong_measures_are_named(self, monkeypatch, words, changed):
+        moved_m = self.map_of(occlusion.cover_square, **changed)
+        if words == "is 0":
+            moved_m[self.LOST] = 0
+        assert words in self.explain(monkeypatch, moved_m)
+
+    @pytest.mark.parametrize("reason", occlusion.WRONG_COVERS)
+    def test_wrong_covers_are_named(self, monkeypatch, reason):
+        assert self.explain(monkeypatch, self.map_of(occlusion.WRONG_COVERS[reason])) == reason

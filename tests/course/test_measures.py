@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 from classic.fit import RoadLine
 from classic.warp import FourPointWarp
 from course.measures import (
-    binary_on_road,
+    check,
+    check_error,
     describe_error,
-    drive_errors_m,
     lane_widths_px,
     marking_precision,
     marking_recall,
@@ -23,9 +21,6 @@ from tests.support.classic_lane import lane_result
 
 X = np.arange(0.0, 45, 5)
 CAMERA = Camera.from_fov((640, 360), 60, CameraPose(1.4, pitch_rad=0.03))
-WARP = FourPointWarp(
-    [(220, 200), (420, 200), (640, 350), (0, 350)], [(0, 0), (640, 0), (640, 360), (0, 360)], (640, 360)
-)
 
 
 def truth() -> dict:
@@ -41,18 +36,6 @@ def test_the_worst_lateral_error_in_words_and_metres_is_that_of_both_lines_withi
     for lost in (None, lane_result(None, None, "lost")):
         assert worst_lateral_error_m(lost, truth()) == worst_lateral_error_m(lost, None) == np.inf
     assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
-
-
-def test_each_frame_of_a_drive_has_its_own_worst_place():
-    x, zeros = (5, 10, 15, 20, 30), np.zeros(2)
-    truth = {f"left_y{at:02d}_m": np.array([2.0 + 0.001 * at**2, 2.0]) for at in x}
-    truth |= {f"right_y{at:02d}_m": np.array([-2.0, -2.0]) for at in x}
-    rows = {f"{side}_{name}": zeros for side in ("left", "right") for name in ("c1", "c2_per_m")}
-    rows |= {"left_c0_m": np.array([2.0, np.nan]), "right_c0_m": np.array([-2.1, -2.0])}
-    # a line taken for straight leaves one of curvature 0.002 by 0.9 m at 30 m
-    assert drive_errors_m(rows, truth).tolist() == pytest.approx([0.9, np.inf])
-    rows |= {"left_c3_per_m2": np.array([6 * 0.9 / 30**3, 0.0]), "right_c3_per_m2": zeros}
-    assert drive_errors_m(rows, truth)[0] < 0.5
 
 
 class TestMarkingPrecision:
@@ -71,11 +54,6 @@ class TestMarkingPrecision:
         elsewhere = [[20.0, 8.0], [20.0, -8.0], [3.0, 0.0], [35.0, 0.0]]
         assert marking_precision(np.vstack([self.road_points(0.0), elsewhere]), truth()) == 1
         assert marking_precision(np.array(elsewhere), truth()) is None
-
-    def test_a_flooded_binary_has_the_share_of_the_lines_in_the_lane(self):
-        flooded = SimpleNamespace(warped_binary=np.full((360, 640), 255, np.uint8), warp=WARP)
-        # two stripes of 0.4 m in 3.6 m of lane and a metre on each side
-        assert marking_precision(binary_on_road(flooded, CAMERA), truth()) == pytest.approx(0.8 / 5.6, abs=0.05)
 
 
 def test_the_recall_of_a_dash_is_its_length_of_one_line():
@@ -97,3 +75,17 @@ def test_lane_width_in_columns_is_that_of_the_drawn_lane():
     np.testing.assert_allclose(lane_widths_px(warp, CAMERA, straight, [5, 10, 25]), 360, atol=0.1)
     mirrored = FourPointWarp(source[[1, 0, 3, 2]], view, (640, 360))
     np.testing.assert_allclose(lane_widths_px(mirrored, CAMERA, straight, [5, 25]), -360, atol=0.1)
+
+
+def test_checks_name_value_truth_and_limit_and_fail_beyond_it():
+    assert (
+        check("height", 1.32, 1.3, "m", within=0.05) == "height: 1.32 m, truth 1.30 m, off by 0.02 m (allowed 0.05 m)"
+    )
+    assert check("height", 1.32, None, "m", within=0.05) == "height: 1.32 m (no truth known for these pictures)"
+    assert check_error("paint", 0.14, "px", within=1) == "paint: error 0.1 px (allowed 1 px)"
+    assert "not known" in check_error("paint", None, "px", within=1)
+    for fails in (lambda: check("h", 1.4, 1.3, "m", within=0.05), lambda: check_error("p", 1.2, "px", within=1)):
+        with pytest.raises(AssertionError, match="allowed"):
+            fails()
+    with pytest.raises(AssertionError):
+        check_error("paint", float("nan"), "px", within=1)

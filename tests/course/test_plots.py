@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+from itertools import combinations
 from types import SimpleNamespace
 
 import matplotlib.pyplot as plt
@@ -9,7 +11,8 @@ import numpy as np
 import pytest
 
 from course import plots
-from course.sketch import sketch_conventions
+from course.sketch import sketch
+from lanes.camera import Camera, CameraPose
 
 
 @pytest.fixture(autouse=True)
@@ -58,16 +61,6 @@ def test_masks_are_gray_with_fixed_limits(mask, limits):
             plots.show_pictures(images, titles)
 
 
-def test_histogram():
-    counts = np.zeros(160)
-    counts[[40, 120]] = 30
-    _, axis = plots.plot_histogram(counts, left_px=40, right_px=120)
-    assert [line.get_xdata()[0] for line in axis.lines] == [40, 120]
-    assert axis.get_xlabel() == "column (pixels)"
-    words = [text.get_text() for text in axis.get_legend().get_texts()]
-    assert words == ["left start, column 40", "right start, column 120"]
-
-
 def test_series_has_units_gaps_and_truth():
     times_s = np.arange(5) / 25
     values = np.array([0.1, 0.2, np.nan, 0.4, 0.5])
@@ -90,48 +83,55 @@ def test_bars_have_their_values_and_names():
     assert axis.get_ylabel() == "error (px)"
 
 
-def telemetry(count: int = 50) -> dict[str, np.ndarray]:
-    times_s = np.arange(count) / 25
-    state = np.array(["tracking"] * 30 + ["coasting"] * 8 + ["lost"] * 2 + ["tracking"] * 10)
-    rows = {"time_s": times_s, "state": state, "confidence": np.where(state == "lost", 0, 0.9)}
-    for name, std in (("offset_m", 0.02), ("curvature_per_m", 1e-4)):
-        quantity, unit = name.split("_", 1)
-        rows[name] = np.where(state == "lost", np.nan, 10 * std * np.sin(times_s))
-        rows[f"{quantity}_std_{unit}"] = std * (1 + times_s)
-    return rows
+SKETCHES = {
+    "pinhole": (["optical axis", "distance $Z$", "focal length $f$", "column $c_x$"], r"$u - c_x = f\,\dfrac{X}{Z}$"),
+    "homography": (["append 1", "near point", "far point", "vanishing point"], r"(u,\ v) = (a/\lambda,\ b/\lambda)$"),
+    "ray": (["height $h$", "distance $x$", "angle below the horizon", "pitch error"], r"$x = \dfrac{h}{\tan\,\alpha}$"),
+    "grid": (["which pixel?", "$(x, y)$", "$(u, v)$"], r"$(u,\ v) = \mathrm{project}\,(x,\ y,\ 0)$"),
+    "conventions": (
+        ["$x$ forward", "$y$ left", "$z$ up"]
+        + [f"{sign} > 0" for sign in ("offset", "heading", "yaw", "pitch", "roll")]
+        + ["Camera from above", "Lane from above", "From the side", "From behind"],
+        r"$\kappa = 1/R > 0$",
+    ),
+}
 
 
-def test_telemetry_shows_bands_truth_and_states():
-    rows = telemetry()
-    figure, axes = plots.plot_telemetry(rows, truth={k: rows[k] for k in ("time_s", "offset_m", "curvature_per_m")})
-    assert [axis.get_ylabel().split(" (")[0] for axis in axes] == ["offset", "curvature", "confidence"]
-    band = axes[0].collections[0].get_paths()[0].vertices
-    # one standard deviation to either side: twice 0.02 m at the first frame
-    assert np.ptp(band[np.isclose(band[:, 0], 0), 1]) == pytest.approx(0.04)
-    assert [line.get_label() for line in axes[1].lines] == ["measured, ± one standard deviation", "truth"]
-    assert [text.get_text() for text in axes[2].get_legend().get_texts()] == ["tracking", "coasting", "lost"]
-    tracking, coasting, _lost = axes[0].collections[1:]
-    assert len(tracking.get_paths()) == 2
-    assert coasting.get_paths()[0].get_extents().x0 == pytest.approx(30 / 25)
-    assert coasting.get_paths()[0].get_extents().width == pytest.approx(8 / 25)
-    figure.canvas.draw()
+@pytest.mark.parametrize("name", SKETCHES)
+def test_sketch_has_its_labels_and_one_formula(name):
+    labels, formula = SKETCHES[name]
+    _, axes = sketch(name)
+    texts = [text.get_text() for axis in axes for text in axis.texts]
+    assert [label for label in labels if not any(label in text for text in texts)] == []
+    (found,) = (text for text in texts if "=" in text)
+    assert formula in found
 
 
-def test_a_path_keeps_its_shape():
-    turn = np.linspace(0, np.pi, 50)
-    path = 100 * np.column_stack([np.sin(turn), 1 - np.cos(turn)])
-    figure, axis = plots.plot_path({"measured": path, "truth": path + [0, 1]})
-    figure.canvas.draw()
-    assert axis.get_aspect() == 1
-    np.testing.assert_array_equal(axis.lines[0].get_xydata(), path)
-    assert axis.lines[1].get_linestyle() == "--"
+@pytest.mark.parametrize("name", SKETCHES)
+def test_sketch_texts_are_whole_and_apart(name):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        figure, axes = sketch(name)
+        figure.canvas.draw()
+    assert figure.bbox.width == 960
+    texts = [text for axis in axes for text in axis.texts if text.get_text()]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in texts]
+    margin_px = 3
+    low, high = figure.bbox.min + margin_px, figure.bbox.max - margin_px
+    assert [text for text, box in boxes if (box.min < low).any() or (box.max > high).any()] == []
+    assert [(one, other) for (one, box), (other, near) in combinations(boxes, 2) if box.overlaps(near)] == []
 
 
-def test_three_views_name_every_quantity():
-    _, axes = sketch_conventions()
-    assert [axis.get_title() for axis in axes] == ["From above", "From the side", "From behind"]
-    text = " ".join(note.get_text() for axis in axes for note in axis.texts)
-    for quantity in ("x forward", "y left", "z up", "offset > 0", "heading > 0", "curvature > 0"):
-        assert quantity in text
-    for angle in ("yaw > 0", "pitch > 0", "roll > 0"):
-        assert angle in text
+def test_sketched_grid_is_projected_by_a_camera():
+    _, (road, image) = sketch("grid")
+    camera = Camera(1280, 720, np.array([[1150.0, 0, 640], [0, 1150, 360], [0, 0, 1]]), np.zeros(5), CameraPose(1.3))
+    assert len(road.lines) == len(image.lines)
+    for on_road, in_image in zip(road.lines, image.lines, strict=True):
+        across, ahead = on_road.get_data()
+        pixels = camera.road_to_pixels(np.column_stack([ahead, -np.asarray(across)]))
+        np.testing.assert_allclose(np.column_stack(in_image.get_data()), pixels)
+
+
+def test_unknown_sketch_is_refused():
+    with pytest.raises(ValueError, match="no sketch 'lens'; choose one of pinhole, homography, ray, grid, conventions"):
+        sketch("lens")

@@ -59,10 +59,6 @@ WRONG_ANSWERS["3.1"] = [
     ("def undistort_pixel(u, v, matrix, distortion):\n    return u", "return two numbers"),
 ]
 
-_TO_METRES = """def to_metres(u, v):
-    (far_x, left_y), (near_x, right_y) = rectangle_m[0], rectangle_m[2]
-    x, y = far_x + (near_x - far_x) * v / 720, left_y + (right_y - left_y) * (u - 200) / 880
-    return """
 WRONG_ANSWERS["4.1"] = [
     ("my_source_px = source_px", "becomes narrower with the distance"),
     ("my_source_px = source_px[:, ::-1]", "Is the order (column, row)?"),
@@ -71,39 +67,34 @@ WRONG_ANSWERS["4.1"] = [
     ("my_source_px = source_px[[1, 0, 3, 2]]", "mirrored or upside down"),
     ("my_source_px = source_px[0]", "four points"),
 ]
-WRONG_ANSWERS["4.2"] = [
-    (_TO_METRES + "x, -y", "y is positive to the left"),
-    (_TO_METRES + "y, x", "Return x (forward) first"),
-    (_TO_METRES + "x - near_x, y", "The bottom row is not below the camera"),
-    (_TO_METRES + "near_x + far_x - x, y", "Row 0 is the far end"),
-    (_TO_METRES + "x", "return two numbers"),
-    ("def to_metres(u, v):\n    return (720 - v) * 30 / 720, (640 - u) * 3.7 / 700", "corners"),
-]
-
 _MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
-_EDGES = """
-def relative_edges(lightness):
-    edges = np.abs(cv2.Sobel(lightness, cv2.CV_32F, 1, 0, ksize=3)) / 4
-    return """
+_TOP_HAT = """
+def paint_mask(above):
+    channels = above[..., 2].copy(), cv2.cvtColor(above, cv2.COLOR_RGB2LAB)[..., 2].copy()
+    white, yellow = (cv2.morphologyEx(c, cv2.MORPH_TOPHAT, np.ones((1, 61), np.uint8)) for c in channels)
+    white = cv2.morphologyEx(white, cv2.MORPH_OPEN, np.ones(({rows}, 1), np.uint8))
+    white, yellow = cv2.inRange(white, {level}, 255), cv2.inRange(yellow, 12, 255)
+    return yellow | white
+"""
 WRONG_ANSWERS["5.1"] = [
-    (_MASK + "cv2.inRange(hls[..., 1], 100, 255)", "Too many pixels are not paint"),
-    ('paint_mask = lambda above: recipes["hls_sobel"].thresholds.masks(above)["combined"]', "Too many pixels"),
-    ("paint_mask = helpers.saturation_mask", "white dashes are missing"),
+    (_MASK + "cv2.inRange(hls[..., 1], 100, 255)", "wider than a line"),
+    ('paint_mask = lambda above: recipes["hls_sobel"].thresholds.masks(above)["combined"]', "as narrow as a line"),
+    (_MASK + "cv2.inRange(hls, (0, 30, 120), (179, 255, 255))", "White paint on a gray road is not found"),
+    (_TOP_HAT.format(rows=75, level=20), "an opening that is longer removes it"),
+    (_TOP_HAT.format(rows=61, level=20), "Use a shorter opening"),
+    (_TOP_HAT.format(rows=41, level=40), "is a threshold too high"),
+    (_TOP_HAT.format(rows=1, level=10), "as long as a dash"),
+    (_TOP_HAT.format(rows=41, level=20).replace("yellow |", ""), "Of the solid yellow line"),
     (_MASK + "hls[..., 2] * 0", "the mask is empty"),
     (_MASK + "hls", "a mask has the shape"),
 ]
-WRONG_ANSWERS["5.2"] = [
-    (_EDGES + "np.where(edges >= 6, 255, 0).astype(np.uint8)", "Divide the gradient by the brightness"),
-    (_EDGES + "np.where(edges >= 0.1 * edges.max(), 255, 0).astype(np.uint8)", "no scale"),
-    (_EDGES + "np.where(edges >= 0, 255, 0).astype(np.uint8)", "covers 100%"),
-    (_EDGES + "edges", "a mask has the shape"),
-]
 
-_PEAKS = (
-    'width_binary = finders["hls_sobel"].recipe.thresholds.masks(width_view)["combined"]\n'
-    "width_peaks = helpers.find_peaks(helpers.lane_histogram(width_binary))\n"
-    "width_m = np.ptp(width_peaks)"
-)
+_WIDTH = """
+def lane_width(binary):
+    left, right = helpers.find_peaks(np.count_nonzero(binary[len(binary) // 2 :], axis=0))
+    across_m, along_m = helpers.metres_per_pixel(pose_warp, camera)
+    return {}
+"""
 _CLIMB = """
 def climb_and_coast(binary, column):
     pixels, step, caught = cv2.findNonZero(binary).reshape(-1, 2), 0, []
@@ -116,14 +107,20 @@ def climb_and_coast(binary, column):
     return np.concatenate(caught)
 """
 WRONG_ANSWERS["6.1"] = [
-    (_PEAKS, "distance in columns"),
-    (_PEAKS + " * 3.7 / 700", "another warp"),
-    ("width_m = np.nan", "NaN"),
-    ("width_m = (right_start - left_start) * helpers.metres_per_pixel(pose_warp, camera)[0]", "how many metres"),
+    (_WIDTH.format("right - left"), "distance in columns"),
+    (_WIDTH.format("(right - left) * 3.7 / 700"), "another warp"),
+    (_WIDTH.format("3.66"), "the same for a narrower lane"),
+    (_WIDTH.format("(right_start - left_start) * across_m"), "the same for a narrower lane"),
+    (_WIDTH.format("(right - left) * along_m"), "how many metres"),
+    (_WIDTH.format("(left - right) * across_m"), "how many metres"),
+    (_WIDTH.replace("len(binary) // 2", "0").format("(right - left) * across_m"), "In its lower half of rows"),
+    (_WIDTH.format("np.nan"), "NaN is none"),
+    (_WIDTH.format("left * across_m, right * across_m"), "return one number"),
 ]
 WRONG_ANSWERS["6.2"] = [
     (_CLIMB.format(else_branch=""), "40% of the pixels"),
     (_CLIMB.format(else_branch="else: column -= step"), "with its sign"),
+    (_CLIMB.format(else_branch="else: column -= abs(step)"), "leans right"),
     ("climb_and_coast = lambda binary, column: np.argwhere(binary)", "(column, row)"),
     ("climb_and_coast = lambda binary, column: np.argwhere(binary)[:, ::-1]", "another line"),
 ]
@@ -137,15 +134,6 @@ WRONG_ANSWERS["7.1"] = [
     ("ransac_choice = 3, 5", "at least one of 5 samples"),
     ("ransac_choice = 150, 40", "is clean with the probability 0.0%"),
 ]
-WRONG_ANSWERS["7.2"] = [
-    ("corrected = 888", "three numbers"),
-    ("corrected = 724, 1614, 0.170", "s_v squared over s_u"),
-    ("f = 0.0430 / (30 / 720) / (0.00459 / (3.7 / 700)); corrected = 724 * f, 1614 * f, 0.170", "counts squared"),
-    ("f = 0.8154; corrected = 724 * f, 1614 * f, 0.170", "upside down"),
-    ("corrected = 724 * 1.065, 1614 * 1.065, 0.170", "depends on both scales"),
-    ("corrected = 888, 1979, 0.170", "one scale, once"),
-    ("corrected = 888, 1979, np.nan", "NaN"),
-]
 
 _ENDS = "ends_m = np.array([[7, np.polyval(left_road, 7)], [7, np.polyval(right_road, 7)]]); "
 WRONG_ANSWERS["8.1"] = [
@@ -156,6 +144,23 @@ WRONG_ANSWERS["8.1"] = [
     (_ENDS + "bar_px = camera.road_to_pixels(ends_m * [1, -1])", "sign of y"),
     (_ENDS + "bar_px = camera.road_to_pixels(ends_m[:, ::-1] * [1, 7])", "NaN"),
     (_ENDS + "bar_px = pose_warp.points_to_birdseye(camera.road_to_pixels(ends_m))", "px off"),
+]
+
+_SANE = """
+def is_plausible(left, right):
+    left, right = line_on_road(left), line_on_road(right)
+    widths_m, bends = np.polyval(left - right, [7, 15, 25]), np.abs([2 * left[0], 2 * right[0]])
+    return {}
+"""
+_WIDE, _ALIKE = "np.all(np.abs(widths_m - 3.7) < 0.6)", "np.ptp(bends) < 0.002"
+WRONG_ANSWERS["8.2"] = [
+    (_SANE.format("True"), "the same line twice"),
+    (_SANE.format(f"np.all(np.abs(widths_m - 3.2) < 0.1) and {_ALIKE}"), "refuses the lane of chapter 7"),
+    (_SANE.format(f"np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6) and {_ALIKE}"), "left line is on the right"),
+    (_SANE.format("np.abs(widths_m[0] - 3.7) < 0.6"), "not parallel"),
+    (_SANE.format(f"{_WIDE} and {_ALIKE}"), "Which curvature"),
+    (_SANE.format("np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1 and max(bends) < 0.01"), "believe"),
+    (_SANE.format("np.all(np.abs(widths_m - 3.62) < 0.05) and max(bends) < 0.01"), "too strict"),
 ]
 
 _ERROR = """
@@ -231,24 +236,34 @@ WRONG_ANSWERS["12.1"] = [
     (_STEP.replace("solve(S, innovation)", "solve(np.diag(np.diag(S)), innovation)"), "the diagonal of S"),
     (_STEP.replace("return state, P\n", "return None\n"), "None is returned"),
     (_STEP.replace("return state, P\n", "return state, 2 * P\n"), "must leave P as it is"),
+    (_STEP.replace("return state, P\n", "return state, P, 0\n"), "return two values, too"),
+    (_STEP.replace(", P - K @ H @ P", ""), "return two values: the state (3,)"),
 ]
 
-_FAILURE = """
-def first_failure(image, camera):
-    for degrees in range(60):
-        pose = replace(camera.pose, pitch_rad=camera.pose.pitch_rad + np.radians(degrees))
-        failed = helpers.explain(image, camera.with_pose(pose)).failed
-        if failed:
-            return degrees, failed.name
+_OCCLUSION = """
+def occlusion_map(image, camera):
+    at_m, moved_m = np.array([20.0]), np.zeros((5, 16))
+    lines_m = helpers.find_lane(image, camera).lateral_m(at_m)
+    for row, column in np.ndindex(5, 16):
+        covered = image.copy()
+        covered[320 + 80 * row : 400 + 80 * row, 80 * column : 80 * column + 80] = 128
+        lane = helpers.find_lane(covered, camera)
+        moved_m[row, column] = 1 if lane is None else min(1, np.abs(lane.lateral_m(at_m) - lines_m).max())
+    return moved_m
 """
+_MAP = "occlusion_map = lambda image, camera: "
 WRONG_ANSWERS["13.1"] = [
-    (_FAILURE.replace("np.radians(degrees)", "degrees"), "pitch_rad is in radians"),
-    (_FAILURE.replace("+ np.radians", "- np.radians"), "you turned the camera up"),
-    (_FAILURE.replace("degrees, failed.name", "degrees - 1, failed.name"), "no step fails yet"),
-    (_FAILURE.replace("failed.name", "failed"), "take `.failed.name`"),
-    (_FAILURE.replace("failed.name", "failed.failure"), "take `.failed.name`"),
-    (_FAILURE.replace("degrees, failed.name", "degrees"), "return two values"),
-    (_FAILURE.replace("range(60)", "range(0, 60, 5)"), "in turn"),
+    (_OCCLUSION.replace("image.copy()", "image"), "you cover the image itself"),
+    (_OCCLUSION.replace("lines_m).max()", "lines_m)[0, 0]"), "this is the left line alone"),
+    (_OCCLUSION.replace("20.0", "10.0"), "this is 10 m ahead"),
+    (_OCCLUSION.replace("= 128", "= 0"), "you cover with black"),
+    (_OCCLUSION.replace("400 + 80", "380 + 80"), "Is a square of 80 x 80 pixels gray"),
+    (_MAP + "np.zeros((5, 16))", "every value is 0"),
+    (_MAP + "np.zeros((16, 5))", "Rows come first"),
+    (_MAP + "np.zeros(80)", "yours has shape (80,)"),
+    (_MAP + "np.full((5, 16), -0.1)", "Take the absolute difference"),
+    (_MAP + "np.full((5, 16), 100)", "Limit it to 1 m"),
+    (_MAP + "np.full((5, 16), np.nan)", "Where no lane is found"),
 ]
 
 _SHARE = """
@@ -270,10 +285,12 @@ WRONG_ANSWERS["14.1"] = [
     (_SHARE.replace("right[group].mean()", "right[group]"), "return one number"),
 ]
 
+_HONEST = "def honest_finder(image, camera):\n    return "
 WRONG_ANSWERS["15.1"] = [
-    ("better_finder = my_finder", "more; what do the wrong frames"),
-    ("def better_finder(image, camera):\n    return [(0.0, 0.0, 640.0), (0.0, 0.0, 200.0)]", "left line first"),
-    ("def better_finder(image, camera):\n    return [(0.0, 0.0, 1.8)]", "two lines or None"),
+    ("honest_finder = joint_finder", "In the hairpins, return None"),
+    (_HONEST + "joint_finder(image, camera) if image.mean() > 112 else None", "too few frames are right"),
+    (_HONEST + "[(0.0, 0.0, 640.0), (0.0, 0.0, 200.0)]", "left line first"),
+    (_HONEST + "[(0.0, 0.0, 1.8)]", "two lines or None"),
 ]
 
 _GRADIENT = """

@@ -43,8 +43,14 @@ def test_nothing_is_hidden_from_the_comparison():
         assert "NBVAL_" not in source(cell) or not cell["outputs"], source(cell)
 
 
+def test_the_course_is_short():
+    words = [len(source(cell).split()) for cell in CELLS if cell["cell_type"] == "markdown"]
+    assert len(CELLS) <= 180 and sum(words) <= 12_000 and max(words) <= 300
+    assert len(NAMES) <= 60
+    assert len(exercises()) >= 15
+
+
 def test_cells_are_short():
-    assert len(CELLS) <= 220
     for cell in CODE_CELLS:
         lines = source(cell).splitlines()
         assert len(lines) <= 15, source(cell)
