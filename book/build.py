@@ -31,7 +31,7 @@ SOURCE, STATIC, EXTRA, SITE = (BUILD / name for name in ("source", "static", "ex
 # Pages of the sections, in the order of the navigation.
 GUIDES = ("own_camera", "when_it_fails", "many_drives", "own_finder")
 QUALITY = ("benchmark/README", "cameras", "robustness", "ablation", "testing")
-REFERENCE = ("api/index", "docs/glossary", "docs/conventions", "docs/references")
+REFERENCE = ("docs/how_it_works", "api/index", "docs/glossary", "docs/conventions", "docs/references")
 DEVELOPMENT = ("CONTRIBUTING", "CHANGELOG", "docs/release")
 # Link target in the project -> page of the book; an empty one leaves the text without a link.
 PAGES = {
@@ -64,10 +64,10 @@ def rewrite_links(text: str, page: str, terms: dict[str, str]) -> str:
             return f"{{term}}`{label.replace('*', '')} <{terms[bare]}>`"
         if chapter := re.match(r"#(\d+)\.-", target):
             return f"[{label}]({chapter_name(int(chapter[1]))}.ipynb)"
-        if target.startswith(("#Appendix", "#Where-to-go")):
-            return f"[{label}](appendix.ipynb)"
         path, hash_sign, heading = target.partition("#")
         name = normpath(join(dirname(page), path))
+        if module := re.fullmatch(r"(lanes/.+)\.py", name):
+            return f"[{label}]({up}api/{module[1].replace('/', '.')}.rst)"
         if name not in PAGES:
             return link[0]
         return f"[{label}]({up}{PAGES[name]}{hash_sign}{heading})" if PAGES[name] else label
@@ -99,9 +99,9 @@ def split_chapters(cells: list[dict]) -> dict[str, list[dict]]:
     """The cells of each page; the cells before chapter 1 are the page "course"."""
     pages: dict[str, list[dict]] = {"course": []}
     for cell in cells:
-        title = re.match(r"## (?:(\d+)\.|Appendix)", source_of(cell)) if cell["cell_type"] == "markdown" else None
+        title = re.match(r"## (\d+)\.", source_of(cell)) if cell["cell_type"] == "markdown" else None
         if title:
-            pages[chapter_name(int(title[1])) if title[1] else "appendix"] = []
+            pages[chapter_name(int(title[1]))] = []
         list(pages.values())[-1].append(cell)
     return pages
 

@@ -17,8 +17,8 @@ from lanes.stills import find_lane
 
 # Rows and columns of squares, their size in pixels, the first row of the image, and their gray level.
 SHAPE, SQUARE_PX, FIRST_ROW, GRAY = (5, 16), 80, 320, 128
-# Distances at which lanes are compared: that of the exercise, and two that a reader may take instead, metres.
-AHEAD_M = np.array([20.0, 10.0, 30.0])
+# Distances at which lanes are compared: that of the exercise, and one that a reader may take instead, metres.
+AHEAD_M = np.array([20.0, 10.0])
 LARGEST_M, CLOSE_M = 1.0, 0.002
 # A map is compared at the squares on the lines at these distances (metres), at two above the road, and where its own
 # values are largest. Wrong covers are only tried where it is wrong.
@@ -86,10 +86,8 @@ def _wrong_measures(signed: np.ndarray) -> dict[str, np.ndarray]:
     return {
         "this is the left line alone. Take the larger of both.": size[:, 0, 0],
         "this is the right line alone. Take the larger of both.": size[:, 1, 0],
-        "this is the mean of both lines. Take the larger of both.": size[:, :, 0].mean(axis=1),
         "moves to one side are missing. Take the absolute difference.": np.maximum(signed[:, :, 0].max(axis=1), 0),
         "this is 10 m ahead. Compare the lines 20 m ahead.": size[:, :, 1].max(axis=1),
-        "this is 30 m ahead. Compare the lines 20 m ahead.": size[:, :, 2].max(axis=1),
     }
 
 
@@ -105,5 +103,4 @@ def _cover_so_far(image: np.ndarray, row: int, column: int) -> np.ndarray:
 WRONG_COVERS: dict[str, Cover] = {
     "the squares add up: begin with a new image.copy() for each square.": _cover_so_far,
     "you cover with black. Use gray, (128, 128, 128).": partial(cover_square, level=0),
-    "you cover with white. Use gray, (128, 128, 128).": partial(cover_square, level=255),
 }
