@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from classic.overlay import draw_mosaic, to_rgb
+from classic.overlay import to_rgb
 from lanes.canvas import blend_polygon, draw_polyline, put_text
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
@@ -86,26 +86,6 @@ def test_signs_beyond_ascii_are_drawn():
 def test_lines_of_text_do_not_overlap():
     drawn = with_text(np.zeros((200, 400, 3), np.uint8), ["gpqy"] * 3, size_px=30, panel_alpha=0).max(axis=(1, 2)) > 40
     assert np.sum(np.diff(drawn.astype(int)) == 1) == 3
-
-
-def test_thumbnails_stand_in_order_on_the_strip():
-    image = np.full((720, 1280, 3), 200, np.uint8)
-    colours = {"binary": (255, 0, 0), "warp": (0, 255, 0), "tall": (0, 0, 255)}
-    shapes = {"binary": (360, 640, 3), "warp": (360, 640, 3), "tall": (600, 200, 3)}
-    drawn = draw_mosaic(image, {name: np.full(shapes[name], colours[name], np.uint8) for name in colours})
-    np.testing.assert_array_equal(drawn[180:], image[180:])
-    assert drawn[:180].mean() < 120
-    rows, columns = zip(*(np.nonzero((drawn[:180] == c).all(axis=2)) for c in colours.values()), strict=True)
-    assert [c.mean() for c in columns] == sorted(c.mean() for c in columns)
-    # a tall view keeps its shape
-    assert np.ptp(rows[2]) / np.ptp(columns[2]) == pytest.approx(3, rel=0.05)
-
-
-def test_text_stays_on_the_strip_beside_the_thumbnails():
-    thumbnails = dict.fromkeys("abc", np.full((720, 1280, 3), 30, np.uint8))
-    drawn = draw_mosaic(np.zeros((720, 1280, 3), np.uint8), thumbnails, lines=["R 640 m"])
-    rows, columns = np.nonzero((drawn > 230).all(axis=2) & (np.arange(1280) > 760))
-    assert rows.max() < 180 and columns.min() > 760 and len(rows) > 50
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from classic import overlay, threshold
+from classic import threshold
 from classic.overlay import draw_lane_between
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
@@ -148,7 +148,6 @@ TAKE_IMAGES = {
     "VideoWriter": encoded,
     "VideoWriter, BT.709": lambda image, folder: encoded(image, folder, 1),
     "draw_lane_between": lambda image, _: draw_lane_between(image, LINE_PX, LINE_PX + 50),
-    "draw_mosaic": lambda image, _: overlay.draw_mosaic(image, {"warp": image}),
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),
     "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
