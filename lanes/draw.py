@@ -97,12 +97,12 @@ def describe_lane(lane: Lane | None) -> list[str]:
     """The result in words: bend, offset, types of the lines, state with confidence, and a warning if one is due."""
     if lane is None:
         return ["lane lost"]
-    unlikely = " (unlikely)" if lane.confidence < LIKELY_CONFIDENCE else ""
+    uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
     lines = [
         describe_bend(lane.curvature_per_m),
         describe_offset(lane.offset_m, lane.offset_std_m),
         " | ".join(line.describe_type() or "unknown" for line in lane.lines),
-        f"{lane.state}, confidence {lane.confidence:.2f}{unlikely}",
+        f"{lane.state}, confidence {lane.confidence:.2f}{uncertain}",
         lane.departure.describe() if lane.departure else None,
     ]
     return [words for words in lines if words]

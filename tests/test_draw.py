@@ -81,17 +81,17 @@ def test_another_size_is_refused():
         draw_lane(np.zeros((720, 1280, 3), np.uint8), lane, SMALL)
 
 
-def test_the_area_of_an_unlikely_lane_is_orange():
+def test_the_area_of_an_uncertain_lane_is_orange():
     image, lane = tracked_bends()
-    unlikely = replace(lane, inlier_share=0.001, model=lane.model + [0, 0.9, *np.zeros(13)])
-    assert unlikely.confidence < LIKELY_CONFIDENCE < lane.confidence
+    uncertain = replace(lane, inlier_share=0.001, model=lane.model + [0, 0.9, *np.zeros(13)])
+    assert uncertain.confidence < LIKELY_CONFIDENCE < lane.confidence
     u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
-    red, green, _ = draw_lane(image, unlikely, SMALL)[v, u].astype(int)
+    red, green, _ = draw_lane(image, uncertain, SMALL)[v, u].astype(int)
     assert red > green + 10
-    assert describe_lane(unlikely)[3].endswith(" (unlikely)")
+    assert describe_lane(uncertain)[3].endswith(" (uncertain)")
     red, green, _ = draw_lane(image, lane, SMALL)[v, u].astype(int)
     assert green > red + 30
-    assert "(unlikely)" not in describe_lane(lane)[3]
+    assert "(uncertain)" not in describe_lane(lane)[3]
 
 
 def test_a_warning_that_is_due_is_in_words():

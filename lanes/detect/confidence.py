@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from lanes.detect.lane import Lane
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A lane with less confidence than the first is called unlikely; one with the second counts as sure.
+# A lane with less confidence than the first is called uncertain; one with the second counts as sure.
 LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.5, 0.9
 # Names of the features, in the order of `lane_features`, where each is explained.
 FEATURES = (
