@@ -38,9 +38,10 @@ def check_four_points(
     except ValueError:
         return hint("the edges cross. Give the points in the order of destination_px, around the quadrangle.")
     widths = lane_widths_px(warp, camera, lines_m, MEASURED_AT_M) * metres_per_pixel(warp, camera)[0]
-    if not (np.isfinite(widths).all() and (widths > 0).all() and _far_is_up(warp, camera)):
+    if not (np.isfinite(widths).all() and (widths > 1).all() and _far_is_up(warp, camera)):
         return hint(
-            "the view is mirrored or upside down. Give the points in the order of destination_px: far left first."
+            "the view is mirrored, turned or upside down. The order is that of destination_px: far left, far right, "
+            "near right, near left."
         )
     true_m = lines_m[0][0] - lines_m[1][0]
     text = ", ".join(f"{width:.2f}" for width in widths)

@@ -31,7 +31,7 @@ def check_paint_mask(
     rating = rate_paint(mask, warp, camera, truth)
     draw_paint(above, rating)
     if rating.precision < LEAST_PRECISION:
-        reached = f"precision {rating.precision:.0%} (at least {LEAST_PRECISION:.0%}), recall {rating.recall:.0%}"
+        reached = f"precision {rating.precision:.1%} (at least {LEAST_PRECISION:.0%}), recall {rating.recall:.0%}"
         return hint(f"{reached}. {explain_wrong(rating, warp, camera)}")
     reached = f"precision {rating.precision:.0%}, recall {rating.recall:.0%}"
     if rating.recall < LEAST_RECALL:

@@ -29,9 +29,10 @@ def check_ransac_choice(choice: Sequence[int], *, pixels: np.ndarray, line: Sequ
     # of at least one clean sample, with one trial less and with all of them
     before, probability = (1 - (1 - clean) ** count for count in (trials - 1, trials))
     if probability < REQUIRED_PROBABILITY or trials > MAX_TRIALS:
+        more = " Three pixels determine a parabola; more make a clean sample rarer." if samples > 3 else ""
         return hint(
             f"a sample of {samples} pixels is clean with the probability {clean:.1%}, at least one of {trials} samples "
-            f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials."
+            f"with {probability:.2%}. Required are {REQUIRED_PROBABILITY:.2%} in at most {MAX_TRIALS} trials.{more}"
         )
     if before >= REQUIRED_PROBABILITY:
         return hint(f"{trials} is not the smallest number of trials that is enough.")

@@ -79,7 +79,7 @@ def _wrong_pairs(left: Line, right: Line) -> dict[str, tuple[Line, Line]]:
     return {
         "it accepts the same line twice. Which width has a lane?": (left, left),
         "it accepts a lane whose left line is on the right. Which sign has the width?": (right, left),
-        "it accepts lines that are not parallel: compare their width near the car and 25 m ahead.": (spread, right),
+        "it accepts lines 3.6 m apart near the car and 4.4 m apart 25 m ahead: they are not parallel.": (spread, right),
         "it accepts a bend of 50 m radius. Which curvature can a motorway have?": (right + bend + width, right + bend),
     }
 

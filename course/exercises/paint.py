@@ -82,7 +82,7 @@ def explain_missing(rating: PaintRating, make_mask: MakeMask, warp: FourPointWar
     long, dash, leaning = _probe(make_mask, warp, camera)
     rows = round(DASH_M / along_m)
     if not long:
-        return "White paint on a gray road is not found: it has no colour, but it is brighter than the road."
+        return "White paint on a gray road is not found. It is brighter, and 30 columns wide: is a kernel narrower?"
     if not dash:
         return f"The white dashes are cut away: a dash has {rows} rows, and an opening that is longer removes it."
     if not leaning:

@@ -63,8 +63,8 @@ WRONG_ANSWERS["4.1"] = [
     ("my_source_px = source_px", "becomes narrower with the distance"),
     ("my_source_px = source_px[:, ::-1]", "Is the order (column, row)?"),
     ("my_source_px = source_px[[0, 2, 1, 3]]", "the edges cross"),
-    ("my_source_px = source_px[[2, 3, 0, 1]]", "mirrored or upside down"),
-    ("my_source_px = source_px[[1, 0, 3, 2]]", "mirrored or upside down"),
+    ("my_source_px = source_px[[1, 2, 3, 0]]", "far left, far right"),
+    ("my_source_px = source_px[[1, 0, 3, 2]]", "mirrored, turned"),
     ("my_source_px = source_px[0]", "four points"),
 ]
 _MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
