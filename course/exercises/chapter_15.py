@@ -12,8 +12,8 @@ from course.own_finder import score_finder
 from lanes.camera import load_camera
 from lanes.video.reader import read_video
 
-# Share of right frames on the motorway and on challenge, and of wrong ones in the hairpins. The joint fit of the course
-# alone has 100 %, 100 %, and 96 % wrong.
+# Share of right frames on the motorway and on challenge, and of wrong ones in the hairpins. The table of the chapter
+# has those of the joint fit alone.
 LEAST_RIGHT, MOST_WRONG = 0.9, 0.2
 HAIRPINS = "harder-challenge"
 

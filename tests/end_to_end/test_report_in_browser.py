@@ -17,11 +17,11 @@ pytestmark = pytest.mark.skipif(
 HOSTILE = "<img src=x onerror=document.title='owned'>.mp4"
 # 200 frames of the story; each is as bright as its number.
 LENGTH_S = 10.0
-SHOWN_FRAME = """
+SHOWN_FRAME = """(() => {
   const canvas = Object.assign(document.createElement("canvas"), {width: 64, height: 36});
   const pixels = canvas.getContext("2d");
   pixels.drawImage(video, 0, 0, 64, 36);
-  return (pixels.getImageData(32, 18, 1, 1).data[0] - 30)"""
+  return pixels.getImageData(32, 18, 1, 1).data[0] - 30})()"""
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,11 @@ def text_of(page, name: str) -> str:
     return page.execute_script("return document.getElementById('now-' + arguments[0]).textContent", name)
 
 
+def wait_for_frame(page, number: int) -> None:
+    """On a busy machine the picture follows the end of a seek after some time."""
+    page.wait(f"Math.abs({SHOWN_FRAME} - {number}) <= 1")
+
+
 def test_the_cursor_moves_while_the_video_plays(page):
     page.execute_script("track.focus()")
     page.press(" ")
@@ -76,7 +81,7 @@ def test_a_click_on_the_curves_seeks(page, across):
     assert time_s == pytest.approx(across * LENGTH_S, abs=0.03)
     # The picture, the text and the cursor belong to the same frame.
     number = int(time_s * 20)
-    assert page.execute_script(SHOWN_FRAME) == pytest.approx(number, abs=1)
+    wait_for_frame(page, number)
     assert text_of(page, "time").endswith(f"frame {2000 + number}")
     state = story()["state"][number]
     assert text_of(page, "state") == state
@@ -105,7 +110,7 @@ def test_buttons_seek_to_moments(page):
     page.wait("!video.seeking && video.currentTime > 0")
     assert page.execute_script("return video.currentTime") == pytest.approx(4.5, abs=0.01)
     assert text_of(page, "state") == "lost"
-    assert page.execute_script(SHOWN_FRAME) == pytest.approx(90, abs=1)
+    wait_for_frame(page, 90)
 
 
 def test_keys_seek(page):
