@@ -27,7 +27,7 @@ from lanes.images import opencv_threads, read_image, write_image
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
-from lanes.sources import Sources, find_sources, require_distinct_outputs, sample_images
+from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
@@ -55,11 +55,18 @@ class DriveSettings:
     progress: bool = True
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
-        """The camera of a file with images of `size` (width, height); CameraError if it has another aspect ratio."""
+        """The camera of a file with upright images of `size` (width, height).
+
+        A camera without a pose may be one for images as the sensor sees them: it is turned as the file says, if it then
+        has the aspect ratio of the images. Raises CameraError if it has another one.
+        """
         if self.camera is None:
-            return Camera.from_fov(size, self.field_of(file).hfov_deg)
+            return Camera.from_fov(size, self.field_of(file).across(size))
+        camera = self.camera
+        if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
+            camera = turned
         try:
-            return self.camera if self.camera.size == size else self.camera.scaled(size)
+            return camera if camera.size == size else camera.scaled(size)
         except CameraError as error:
             raise CameraError(f"{file}: {error}") from error
 
@@ -254,6 +261,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
+    if info.note:
+        lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound track cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):

@@ -1,20 +1,26 @@
-"""Calibrate a camera from pictures of a chessboard, complete or partly visible; outliers are rejected and named."""
+"""Calibrate a camera from pictures or videos of a chessboard, complete or partly visible; outliers are rejected.
+
+Pictures are taken as the sensor saw them, whatever their EXIF orientation says: only so they are of one camera.
+"""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.camera import MAX_ASPECT_DIFFERENCE, CalibrationReport, Camera, resize_points
+from lanes.camera import CalibrationReport, Camera, resize_points
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, put_text
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
-from lanes.images import list_pictures, opencv_threads, read_image
+from lanes.images import kind_of_file, opencv_threads, read_image
+from lanes.sources import find_sources
+from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 MIN_VIEWS = 3
@@ -23,6 +29,14 @@ MIN_VIEWS = 3
 OUTLIER_RATIO = 2.5
 # Boards below this error are never outliers; it is the error of the corner detection in a compressed picture.
 MIN_OUTLIER_ERROR_PX = 0.3
+# A lens is a fisheye lens if that model reduces the error to this share. The two models fit a normal lens equally well.
+FISHEYE_ERROR_RATIO = 0.8
+# A larger error, as a share of the image's longer side, is that of no lens: 3.2 pixels of 1280, where Udacity's boards,
+# paper on a wall, have 0.9.
+MAX_ERROR_SHARE = 0.0025
+# Frames of a video in which a board is looked for, and the most that are used, those in which it is seen most
+# differently.
+VIDEO_FRAMES, VIDEO_BOARDS = 60, 20
 _ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
 
 
@@ -30,11 +44,12 @@ _ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each 
 class BoardDetections:
     """Chessboards detected in pictures.
 
-    `paths` has all pictures by name, `boards` the detected boards by the name of the picture, and `unused` the pictures
-    without a board with the reason. `pattern` is the complete board's inner corners (columns, rows).
+    `tiles` has all pictures by name, made small for the contact sheet, `boards` the detected boards by the name of the
+    picture, and `unused` the pictures without a board with the reason. `pattern` is the complete board's inner corners
+    (columns, rows).
     """
 
-    paths: dict[str, Path]
+    tiles: dict[str, np.ndarray]
     pattern: tuple[int, int]
     boards: dict[str, Board]
     unused: dict[str, str]
@@ -46,14 +61,14 @@ def calibrate(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> Camera:
-    """Camera intrinsics from pictures of a chessboard, for their most frequent size.
+    """Camera intrinsics from pictures or videos of a chessboard, for their most frequent size.
 
     >>> camera = lanes.calibrate("boards/")  # doctest: +SKIP
 
     Parameters
     ----------
     source : path or iterable of paths
-        A folder of pictures, or pictures and folders.
+        A folder of pictures, or pictures, videos and folders.
     pattern : tuple of int
         The complete board's inner corners (columns, rows).
     progress : callable, optional
@@ -62,14 +77,15 @@ def calibrate(
     Returns
     -------
     Camera
-        Without pose. Its `report` has the error of each board, and the pictures not used, with the reason.
+        Without pose, for images as the sensor sees them (`Camera.turned`); a fisheye lens has four coefficients. Its
+        `report` has the error of each board, and the pictures not used, with the reason.
 
     Raises
     ------
     FileNotFoundError
         If a file or folder does not exist, or a folder holds no picture.
     CameraError
-        If too few boards are found, or they do not determine the intrinsics.
+        If too few boards are found, or they do not determine the intrinsics, or they fit no lens.
     """
     sources = [source] if isinstance(source, str | Path) else list(source)
     detections = find_boards(list_board_pictures(sources), pattern, progress=progress)
@@ -77,8 +93,9 @@ def calibrate(
 
 
 def list_board_pictures(sources: Iterable[str | Path]) -> list[Path]:
-    """The pictures in folders, and pictures that are named themselves."""
-    return [path for given in map(Path, sources) for path in (list_pictures(given) if given.is_dir() else [given])]
+    """The pictures and videos in folders, and those that are named themselves."""
+    found = find_sources(map(str, sources))
+    return [*found.stills, *found.videos]
 
 
 def find_boards(
@@ -87,22 +104,72 @@ def find_boards(
     """The board in every picture. Pictures that cannot be decoded are `unused`; one that does not exist is an error."""
     paths = list(paths)
     same_name = Counter(path.name for path in paths)
-    names = {path.name if same_name[path.name] == 1 else str(path): path for path in paths}
-    boards: dict[str, Board] = {}
-    unused: dict[str, str] = {}
-    for done, (name, path) in enumerate(names.items(), 1):
-        reason = f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
-        try:
-            board = find_board(read_image(path), pattern)
-        except PictureError as error:
-            board, reason = None, str(error)
-        if board:
-            boards[name] = board
+    found = BoardDetections({}, pattern, {}, {})
+    for done, path in enumerate(paths, 1):
+        name = path.name if same_name[path.name] == 1 else str(path)
+        if kind_of_file(path) == "video":
+            _add_video(found, name, path)
         else:
-            unused[name] = reason
+            try:
+                image = read_image(path, upright=False)
+            except PictureError as error:
+                found.tiles[name] = np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
+                found.unused[name] = str(error)
+            else:
+                _add_image(found, name, image)
         if progress:
             progress(done, len(paths))
-    return BoardDetections(names, pattern, boards, unused)
+    return found
+
+
+def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
+    board = find_board(image, found.pattern)
+    if board:
+        found.boards[name] = board
+    else:
+        found.unused[name] = _no_board(found.pattern)
+    scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
+    found.tiles[name] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+
+def _add_video(found: BoardDetections, name: str, path: Path) -> None:
+    """Add the frames of a video in which the board is seen most differently."""
+    step = max(1, inspect_video(path).frames // VIDEO_FRAMES)
+    quarter_turns = {1: 0, 8: 1, 3: 2, 6: 3}[inspect_turn(path)]
+    looked = BoardDetections({}, found.pattern, {}, {})
+    for frame in read_timed_frames(path):
+        if frame.number % step == 0:
+            sensor_image = np.ascontiguousarray(np.rot90(frame.image, -quarter_turns))
+            _add_image(looked, f"{name} at {frame.time_s:.2f} s", sensor_image)
+    chosen = _most_different(looked.boards, VIDEO_BOARDS)
+    found.boards.update({key: looked.boards[key] for key in chosen})
+    found.tiles.update({key: looked.tiles[key] for key in chosen or list(looked.tiles)[:1]})
+    if not chosen:
+        found.unused[next(iter(looked.tiles))] = f"{_no_board(found.pattern)}, also in {len(looked.tiles) - 1} others"
+
+
+def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
+    """The names of up to `count` boards, each of them as far from those before it as possible, in their own order."""
+    names = list(boards)
+    outlines = np.array([_outline(board) for board in boards.values()])
+    chosen: set[int] = set()
+    distance = np.full(len(names), np.inf)
+    while len(chosen) < min(count, len(names)):
+        farthest = int(distance.argmax())
+        chosen.add(farthest)
+        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=1))
+        distance[farthest] = -1
+    return [names[index] for index in sorted(chosen)]
+
+
+def _outline(board: Board) -> np.ndarray:
+    """The four outer corners of a board as shares of the image's size, (8,)."""
+    grid = board.corners_px.reshape(board.rows, board.columns, 2)
+    return (grid[[0, 0, -1, -1], [0, -1, 0, -1]] / board.size).ravel()
+
+
+def _no_board(pattern: tuple[int, int]) -> str:
+    return f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
 
 
 def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
@@ -111,7 +178,7 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
     if not detections.boards:
         raise CameraError(
             f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in any of the "
-            f"{len(detections.paths)} pictures of {source}; give pictures of a board of that pattern, or the pattern "
+            f"{len(detections.tiles)} pictures of {source}; give pictures of a board of that pattern, or the pattern "
             f"of this one.{unused}"
         )
     try:
@@ -127,12 +194,32 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
 
     They are for pictures of the most frequent size. Boards in pictures of another size are used if they fit the camera
     that the others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
-    Raises CameraError if fewer than three different views of the board remain, or they do not determine the intrinsics.
+    Raises CameraError if fewer than three different views of the board remain, or they do not determine the intrinsics,
+    or fit neither a normal nor a fisheye lens.
     """
+    camera = _calibrate_lens(boards, fisheye=False)
+    rms_px = camera.require_report().rms_px
+    if rms_px <= MIN_OUTLIER_ERROR_PX and len(camera.require_report().board_rms_px) == len(boards):
+        return camera
+    with suppress(CameraError):
+        fisheye = _calibrate_lens(boards, fisheye=True)
+        if fisheye.require_report().rms_px < FISHEYE_ERROR_RATIO * rms_px:
+            camera, rms_px = fisheye, fisheye.require_report().rms_px
+    limit_px = MAX_ERROR_SHARE * max(camera.size)
+    if rms_px > limit_px:
+        raise CameraError(
+            f"the boards fit neither a normal nor a fisheye lens (error {rms_px:.2f} px, at most {limit_px:.1f}). "
+            "Check the pattern, that the board is flat, and that all pictures are of one camera that did not zoom."
+        )
+    return camera
+
+
+def _calibrate_lens(boards: Mapping[str, Board], *, fisheye: bool) -> Camera:
+    """The camera from boards in pictures of all sizes, as a normal or a fisheye lens."""
     sizes = Counter(board.size for board in boards.values())
     size = max(sizes, key=lambda size: (sizes[size], size))
     same_size = {name: board for name, board in boards.items() if board.size == size}
-    camera = _calibrate_without_outliers(same_size, size, {})
+    camera = _calibrate_without_outliers(same_size, size, {}, fisheye=fisheye)
     if len(same_size) == len(boards):
         return camera
     rejected, used = dict(camera.require_report().rejected), {}
@@ -142,14 +229,16 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
             rejected[name] = reason
         elif name not in rejected:
             used[name] = fitting
-    return _calibrate_without_outliers(used, size, rejected)
+    return _calibrate_without_outliers(used, size, rejected, fisheye=fisheye)
 
 
-def _calibrate_without_outliers(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
+def _calibrate_without_outliers(
+    boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str], *, fisheye: bool
+) -> Camera:
     """Calibrate and remove the worst board until it is not an outlier; the reasons are added to those `rejected`."""
     boards, rejected = dict(boards), dict(rejected)
     while True:
-        camera = _calibrate_once(boards, size, rejected)
+        camera = _calibrate_once(boards, size, rejected, fisheye=fisheye)
         errors = camera.require_report().board_rms_px
         worst = max(errors, key=errors.__getitem__)
         # With three boards it cannot be decided which one is wrong.
@@ -165,7 +254,9 @@ def _largest_error_px(errors: Mapping[str, float]) -> float:
     return max(OUTLIER_RATIO * float(np.median(list(errors.values()))), MIN_OUTLIER_ERROR_PX)
 
 
-def _calibrate_once(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
+def _calibrate_once(
+    boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str], *, fisheye: bool
+) -> Camera:
     """The camera, with the error of each board and the `rejected` ones in its report."""
     views = _count_views(boards)
     if views < MIN_VIEWS:
@@ -178,20 +269,50 @@ def _calibrate_once(boards: dict[str, Board], size: tuple[int, int], rejected: d
     try:
         # on several threads the result differs from run to run
         with opencv_threads(1):
-            # OpenCV's stubs do not say that None stands for no initial intrinsics
-            rms, matrix, distortion, *_, std, _, errors = cv2.calibrateCameraExtended(  # type: ignore[call-overload]
-                object_points, image_points, size, None, None
-            )
+            fit = _fit_fisheye_lens if fisheye else _fit_normal_lens
+            matrix, distortion, errors_px = fit(object_points, image_points, size)
     except cv2.error as error:
         raise CameraError(f"these boards do not determine the intrinsics; {_ADVICE}.") from error
+    counts = [len(points) for points in image_points]
+    rms_px = float(np.sqrt(np.average(errors_px**2, weights=counts)))
+    report = CalibrationReport(rms_px, dict(zip(boards, errors_px.tolist(), strict=True)), rejected)
+    return Camera(*size, matrix, distortion.ravel(), report=report)
+
+
+def _fit_normal_lens(
+    object_points: list[np.ndarray], image_points: list[np.ndarray], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Camera matrix, five coefficients, and the root mean square error of each board, pixels."""
+    # OpenCV's stubs do not say that None stands for no initial intrinsics
+    _, matrix, distortion, *_, std, _, errors_px = cv2.calibrateCameraExtended(  # type: ignore[call-overload]
+        object_points, image_points, size, None, None
+    )
     focal, focal_std = matrix[0, 0], std[0, 0]
     # three tilted real boards reach 0.4 %
     if not (np.isfinite(matrix).all() and focal_std <= 0.02 * focal):
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
-    report = CalibrationReport(float(rms), dict(zip(boards, errors.ravel().tolist(), strict=True)), rejected)
-    return Camera(*size, matrix, distortion.ravel(), report=report)
+    return matrix, distortion, errors_px.ravel()
+
+
+def _fit_fisheye_lens(
+    object_points: list[np.ndarray], image_points: list[np.ndarray], size: tuple[int, int]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """As `_fit_normal_lens`, with the four coefficients of a fisheye lens."""
+    on_board, in_image = ([points.astype(float)[None] for points in group] for group in (object_points, image_points))
+    # begins at a view of 180 degrees across the longer side
+    focal_px = max(size) / np.pi
+    guess = np.array([[focal_px, 0, (size[0] - 1) / 2], [0, focal_px, (size[1] - 1) / 2], [0, 0, 1]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
+    _, matrix, distortion, turns, shifts = cv2.fisheye.calibrate(
+        on_board, in_image, size, guess, np.zeros(4), flags=flags
+    )
+    errors_px = [
+        np.sqrt(np.mean(np.sum((cv2.fisheye.projectPoints(o, r, t, matrix, distortion)[0] - i) ** 2, axis=-1)))
+        for o, i, r, t in zip(on_board, in_image, turns, shifts, strict=True)
+    ]
+    return matrix, distortion, np.array(errors_px)
 
 
 def _count_views(boards: Mapping[str, Board]) -> int:
@@ -211,7 +332,7 @@ def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
     candidates = []
     if abs(board_width - width) <= 2 and abs(board_height - height) <= 2:
         candidates.append(board.corners_px)
-    if abs(board_width / board_height - width / height) <= MAX_ASPECT_DIFFERENCE:
+    if camera.has_aspect_of(board.size):
         candidates.append(resize_points(board.corners_px, np.divide(camera.size, board.size)))
     if not candidates:
         return None, f"{sizes}: another aspect ratio, so another camera or a cropped picture"
@@ -225,8 +346,10 @@ def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
 
 def _reprojection_error_px(board: Board, camera: Camera) -> float:
     """Root mean square reprojection error of a board whose pose is fitted to its corners."""
-    _, rotation, translation = cv2.solvePnP(board.object_points, board.corners_px, camera.matrix, camera.distortion)
-    projected, _ = cv2.projectPoints(board.object_points, rotation, translation, camera.matrix, camera.distortion)
+    model = cv2.fisheye if camera.is_fisheye else cv2
+    on_board, lens = board.object_points[None], (camera.matrix, camera.distortion)
+    _, rotation, translation = model.solvePnP(on_board, board.corners_px[None], *lens)
+    projected, _ = model.projectPoints(on_board, rotation, translation, *lens)
     return float(np.sqrt(((projected.reshape(-1, 2) - board.corners_px) ** 2).sum(axis=1).mean()))
 
 
@@ -251,7 +374,8 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
         lines.append(f"{name:<{width}}  {error}  {use}")
     lines += [
         f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
-        f"focal length {camera.matrix[0, 0]:.1f} px, horizontal field of view {camera.hfov_deg:.1f} deg",
+        f"{'fisheye lens, ' if camera.is_fisheye else ''}focal length {camera.matrix[0, 0]:.1f} px, "
+        f"horizontal field of view {camera.hfov_deg:.1f} deg, distortion included",
         describe_coverage([detections.boards[name] for name in errors]),
     ]
     return "\n".join(lines)
@@ -274,7 +398,7 @@ def describe_coverage(boards: Iterable[Board]) -> str:
 def _describe_uses(detections: BoardDetections, camera: Camera) -> dict[str, str]:
     """Use of each picture, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
     report = camera.require_report()
-    uses = dict.fromkeys(detections.paths, "used") | report.rejected
+    uses = dict.fromkeys(detections.tiles, "used") | report.rejected
     for name in report.board_rms_px:
         board = detections.boards[name]
         if {board.columns, board.rows} != set(detections.pattern):
@@ -292,25 +416,20 @@ def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarra
     """
     uses, errors = _describe_uses(detections, camera), camera.require_report().board_rms_px
     tiles = []
-    for name, path in detections.paths.items():
+    for name, tile in detections.tiles.items():
         colour = LEFT_COLOUR if name not in errors else WINDOW_COLOUR if "corners" in uses[name] else LANE_COLOUR
         label = [name, f"{errors[name]:.2f} px, {uses[name]}" if name in errors else uses[name]]
-        tiles.append(_draw_tile(path, detections.boards.get(name), label, colour))
+        tiles.append(_draw_tile(tile, detections.boards.get(name), label, colour))
     columns = min(5, len(tiles))
     tiles += [np.full_like(tiles[0], PANEL_COLOUR)] * (-len(tiles) % columns)
     return np.vstack([np.hstack(tiles[start : start + columns]) for start in range(0, len(tiles), columns)])
 
 
-def _draw_tile(path: Path, board: Board | None, label: list[str], colour: Colour) -> np.ndarray:
-    """A picture with the corners of its board below a label, in a frame of that colour; black if it cannot be read."""
-    try:
-        image = read_image(path)
-    except PictureError:
-        image = np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
-    scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
-    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+def _draw_tile(small: np.ndarray, board: Board | None, label: list[str], colour: Colour) -> np.ndarray:
+    """A small picture with the corners of its board below a label, in a frame of that colour."""
     if board:
-        small = draw_board(small, replace(board, corners_px=resize_points(board.corners_px, scale).astype(np.float32)))
+        corners = resize_points(board.corners_px, np.divide(small.shape[1::-1], board.size)).astype(np.float32)
+        small = draw_board(small, replace(board, corners_px=corners))
     tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
     left = (TILE_PX[0] - small.shape[1]) // 2
     tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small

@@ -20,13 +20,16 @@ import numpy as np
 import yaml
 
 from lanes.describe import html_table
-from lanes.errors import CameraError, PictureError
+from lanes.errors import CameraError, PictureError, require_number
 from lanes.files import read_text, write_atomically
-from lanes.images import MAX_PIXELS, require_rgb
+from lanes.images import MAX_PIXELS, require_rgb, upright_axes
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
 MAX_ASPECT_DIFFERENCE = 0.005
+# Distortion models of ROS camera files by their number of coefficients. One that has fewer than five of plumb_bob's, as
+# some programs write, has zeros for the others.
+DISTORTION_MODELS = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
 
@@ -38,7 +41,7 @@ class CameraPose:
     >>> lanes.CameraPose(height_m=1.3, pitch_rad=0.03).describe()
     '1.30 m high, pitch 1.72, yaw 0.00, roll 0.00 deg'
 
-    Raises CameraError if the height is not positive, or a number is not finite.
+    Raises LaneError if the height is not positive, or a number is not finite.
     """
 
     height_m: float
@@ -47,9 +50,10 @@ class CameraPose:
     roll_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        angles = self.pitch_rad, self.yaw_rad, self.roll_rad
-        if not (np.isfinite([self.height_m, *angles]).all() and self.height_m > 0):
-            raise CameraError(f"{self} is not a camera pose: the height must be positive and every angle finite.")
+        for name, value in asdict(self).items():
+            object.__setattr__(self, name, require_number(value, name))
+        if self.height_m <= 0:
+            raise CameraError(f"{self} is not a camera pose: the height must be positive.")
 
     def describe(self) -> str:
         """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
@@ -98,8 +102,10 @@ class Camera:
         Image size that the intrinsics refer to.
     matrix : ndarray of shape (3, 3)
         Camera matrix (focal lengths and principal point, pixels).
-    distortion : ndarray of shape (5,)
-        Brown-Conrady coefficients k1, k2, p1, p2, k3 in OpenCV's order ("plumb_bob" in ROS).
+    distortion : ndarray of shape (5,), (8,) or (4,)
+        Coefficients in OpenCV's order. The number of them is the model, here with its name in ROS: five are
+        Brown-Conrady's k1, k2, p1, p2, k3 (plumb_bob); eight have a denominator as well, k4, k5, k6
+        (rational_polynomial); four are those of a fisheye lens (equidistant, `cv2.fisheye`).
     pose : CameraPose, optional
         Extrinsics; without them projections to and from the road raise a CameraError.
     """
@@ -117,9 +123,10 @@ class Camera:
 
         Raises CameraError if the field of view is not between 10 and 150 degrees.
         """
+        hfov_deg = require_number(hfov_deg, "hfov_deg")
         if not HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1]:
             raise CameraError(
-                f"a horizontal field of view of {hfov_deg} degrees is not plausible for a dashcam; give 10 to 150."
+                f"a horizontal field of view of {hfov_deg:g} degrees is not plausible for a dashcam; give 10 to 150."
             )
         width, height = size
         focal_px = width / 2 / np.tan(np.radians(hfov_deg) / 2)
@@ -133,8 +140,16 @@ class Camera:
 
     @property
     def hfov_deg(self) -> float:
-        """Horizontal field of view in degrees, without distortion."""
-        return float(np.degrees(2 * np.arctan(self.width / 2 / self.matrix[0, 0])))
+        """Angle in degrees between the left and the right border of the image, in the row of the principal point."""
+        borders = np.array([[-0.5, self.matrix[1, 2]], [self.width - 0.5, self.matrix[1, 2]]])
+        if not self.is_fisheye:
+            return float(np.degrees(np.diff(np.arctan(self.rays(borders)[:, 0]))[0]))
+        # more than 90 degrees to the optical axis there is no ray with z = 1
+        angles = np.linspace(0, np.pi, 10_000)
+        distorted = angles * _fisheye_polynomial(angles, *self.distortion.tolist())
+        end = distorted.argmax() + 1
+        from_centre = np.abs(borders[:, 0] - self.matrix[0, 2]) / self.matrix[0, 0]
+        return float(np.degrees(np.interp(from_centre, distorted[:end], angles[:end]).sum()))
 
     def summary(self) -> dict[str, str]:
         """Image size, lens, pose and calibration as text, by name."""
@@ -159,21 +174,41 @@ class Camera:
         """The same camera with another pose."""
         return replace(self, pose=pose)
 
+    def has_aspect_of(self, size: tuple[int, int]) -> bool:
+        """Whether images of `size` (width, height) show the same area as those of this camera, resized."""
+        return abs(size[0] / size[1] - self.width / self.height) <= MAX_ASPECT_DIFFERENCE
+
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for images resized to `size` (width, height).
 
         Raises CameraError if the aspect ratio differs: the image was cropped, so the principal point is unknown.
         """
         width, height = size
-        if abs(width / height - self.width / self.height) > MAX_ASPECT_DIFFERENCE:
+        if not self.has_aspect_of(size):
             raise CameraError(
                 f"a {width}x{height} picture has another aspect ratio than the calibrated {self.width}x{self.height}: "
-                "it was cropped, so the calibration cannot be rescaled; calibrate at that size."
+                "it was cropped or turned, so the calibration cannot be rescaled; calibrate at that size."
             )
         # As in `resize_points`.
         scale = np.diag([width / self.width, height / self.height, 1.0])
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
+
+    def turned(self, orientation: int) -> Camera:
+        """The camera of the upright images, if this one is that of the images as stored with an EXIF orientation.
+
+        Raises CameraError if the camera has a pose, which is one for upright images already.
+        """
+        if self.pose is not None:
+            raise CameraError("a camera with a pose is not turned; its images are upright.")
+        axes = upright_axes(orientation)
+        size = np.abs(axes) @ self.size
+        matrix, distortion = np.eye(3), np.array(self.distortion, float)
+        matrix[[0, 1], [0, 1]] = np.abs(axes) @ self.matrix[[0, 1], [0, 1]]
+        matrix[:2, 2] = axes @ (self.matrix[:2, 2] - (np.array(self.size) - 1) / 2) + (size - 1) / 2
+        if len(distortion) > 4:
+            distortion[[3, 2]] = axes @ distortion[[3, 2]]  # (p2, p1) is a vector in the image
+        return replace(self, width=int(size[0]), height=int(size[1]), matrix=matrix, distortion=distortion)
 
     def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
         """As `lanes.images.require_rgb`; also raises PictureError if the image has another size than the camera's."""
@@ -209,7 +244,8 @@ class Camera:
         # Most pixels need ten steps of the fixed-point iteration, the corners of a 100 degree lens several hundred:
         # there 50 steps leave an error of one pixel, and the default of 5 steps one of forty.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
-        xy = cv2.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
+        undistort_points = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
+        xy = undistort_points(pixels, self.matrix, self.distortion, criteria=criteria)
         return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
@@ -232,29 +268,29 @@ class Camera:
         return directions[:, :2] * distance[:, None]
 
     @property
-    def largest_ray(self) -> float:
-        """Tangent of the largest angle to the optical axis up to which the distortion polynomial is monotonic.
+    def is_fisheye(self) -> bool:
+        """Whether the distortion is that of a fisheye lens: a polynomial of the angle to the optical axis."""
+        return len(self.distortion) == 4
 
-        Beyond it the polynomial decreases and would map points far outside the field of view into the image.
+    @property
+    def largest_ray(self) -> float:
+        """Tangent of the largest angle to the optical axis up to which the distortion is monotonic.
+
+        Beyond it the model would map points far outside the field of view into the image.
         """
-        return _largest_ray(*np.ravel(self.distortion)[[0, 1, 4]].tolist())
+        return _largest_ray(*np.ravel(self.distortion).tolist())
 
     def _project(self, points: np.ndarray) -> np.ndarray:
-        """Raw pixels (N, 2) of points (N, 3) in camera axes by the Brown-Conrady model; NaN where it does not hold.
+        """Raw pixels (N, 2) of points (N, 3) in camera axes by the lens model; NaN where it does not hold.
 
         They are those of cv2.projectPoints, which also computes derivatives and takes ten times as long.
         """
-        k1, k2, p1, p2, k3 = (float(k) for k in np.ravel(self.distortion))
         x, y, z = points.T
         visible = (z > 1e-6) & (np.hypot(x, y) < self.largest_ray * z)
         inverse = 1 / np.where(visible, z, 1.0)
         x, y = x * inverse, y * inverse
-        r2 = x * x + y * y
-        r4 = r2 * r2
-        radial = 1 + k1 * r2 + k2 * r4 + k3 * (r4 * r2)
-        two_xy = 2 * x * y
-        u = x * radial + p1 * two_xy + p2 * (r2 + 2 * x * x)
-        v = y * radial + p1 * (r2 + 2 * y * y) + p2 * two_xy
+        distort = _distort_fisheye if self.is_fisheye else _distort_brown
+        u, v = distort(x, y, *np.ravel(self.distortion).tolist())
         (fx, _, cx), (_, fy, cy) = self.matrix[:2]
         pixels = np.column_stack([u * fx + cx, v * fy + cy])
         pixels[~visible] = np.nan
@@ -284,13 +320,56 @@ def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.nd
     return (pixels + 0.5) * scale - 0.5
 
 
+def _distort_brown(
+    x: np.ndarray, y: np.ndarray, k1: float, k2: float, p1: float, p2: float, k3: float, *denominator: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (x, y), z = 1, with the distortion of Brown and Conrady, also with a denominator k4, k5, k6."""
+    r2 = x * x + y * y
+    r4 = r2 * r2
+    radial = 1 + k1 * r2 + k2 * r4 + k3 * (r4 * r2)
+    if denominator:
+        k4, k5, k6 = denominator
+        radial = radial / (1 + k4 * r2 + k5 * r4 + k6 * (r4 * r2))
+    two_xy = 2 * x * y
+    return (
+        x * radial + p1 * two_xy + p2 * (r2 + 2 * x * x),
+        y * radial + p1 * (r2 + 2 * y * y) + p2 * two_xy,
+    )
+
+
+def _distort_fisheye(
+    x: np.ndarray, y: np.ndarray, k1: float, k2: float, k3: float, k4: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Directions (x, y), z = 1, with the distortion of a fisheye lens (Kannala and Brandt, PAMI 2006)."""
+    tangent = np.hypot(x, y)
+    angle = np.arctan(tangent)
+    distorted = angle * _fisheye_polynomial(angle, k1, k2, k3, k4)
+    scale = np.divide(distorted, tangent, out=np.ones_like(tangent), where=tangent > 1e-9)
+    return x * scale, y * scale
+
+
+def _fisheye_polynomial(angle: np.ndarray, k1: float, k2: float, k3: float, k4: float) -> np.ndarray:
+    """The distorted angle divided by the true one."""
+    a2 = angle * angle
+    return 1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))
+
+
 @lru_cache(maxsize=32)
-def _largest_ray(k1: float, k2: float, k3: float) -> float:
+def _largest_ray(*distortion: float) -> float:
     """See `Camera.largest_ray`. Cached, because pitch motion makes a new Camera with the same lens in every frame."""
-    # Derivative of r (1 + k1 r^2 + k2 r^4 + k3 r^6) as a polynomial in 1 / r^2, so the first coefficient is never 0.
-    roots = np.roots([1.0, 3 * k1, 5 * k2, 7 * k3])
+    fisheye = len(distortion) == 4
+    above = (1.0, *distortion) if fisheye else (1.0, distortion[0], distortion[1], distortion[4])
+    numerator, denominator = np.polynomial.Polynomial(above), np.polynomial.Polynomial((1.0, *distortion[5:]))
+    # The derivative of r n(r^2) / d(r^2) by r, times d^2, as a polynomial in r^2. Where d is 0, the ratio has a pole.
+    square = np.polynomial.Polynomial((0.0, 1.0))
+    growth = (numerator + 2 * square * numerator.deriv()) * denominator - 2 * square * numerator * denominator.deriv()
+    # Roots in 1 / r^2: then the first coefficient is 1, never 0.
+    roots = np.concatenate([np.roots(polynomial.coef) for polynomial in (growth, denominator)])
     inverse_square = max(roots[np.isreal(roots)].real, default=0.0)
-    return float(inverse_square**-0.5) if inverse_square > 0 else np.inf
+    first = float(inverse_square**-0.5) if inverse_square > 0 else np.inf
+    if fisheye:
+        return float(np.tan(first)) if first < np.pi / 2 else np.inf
+    return first
 
 
 def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
@@ -313,7 +392,8 @@ def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np
 def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) -> tuple[np.ndarray, np.ndarray]:
     """Maps for cv2.remap, cached for each lens: computing them takes as long as ten remaps."""
     intrinsics = np.reshape(matrix, (3, 3))
-    return cv2.initUndistortRectifyMap(intrinsics, np.array(distortion), None, intrinsics, size, cv2.CV_16SC2)
+    make_maps = cv2.fisheye.initUndistortRectifyMap if len(distortion) == 4 else cv2.initUndistortRectifyMap
+    return make_maps(intrinsics, np.array(distortion), np.eye(3), intrinsics, size, cv2.CV_16SC2)
 
 
 # Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
@@ -346,9 +426,12 @@ def camera_to_dict(camera: Camera) -> dict:
         "image_width": int(camera.width),
         "image_height": int(camera.height),
         "camera_name": "dashcam",
-        "camera_matrix": {"rows": 3, "cols": 3, "data": [float(x) for x in np.ravel(camera.matrix)]},
-        "distortion_model": "plumb_bob",
-        "distortion_coefficients": {"rows": 1, "cols": 5, "data": [float(x) for x in np.ravel(camera.distortion)]},
+        "camera_matrix": _matrix_entry(camera.matrix),
+        "distortion_model": DISTORTION_MODELS[len(camera.distortion)],
+        "distortion_coefficients": _matrix_entry(np.reshape(camera.distortion, (1, -1))),
+        # ROS's parser requires these two: an undistorted image has the same camera matrix
+        "rectification_matrix": _matrix_entry(np.eye(3)),
+        "projection_matrix": _matrix_entry(np.column_stack([camera.matrix, np.zeros(3)])),
     }
     if camera.pose:
         content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items()}
@@ -362,6 +445,10 @@ def camera_to_dict(camera: Camera) -> dict:
             "date": report.date,
         }
     return content
+
+
+def _matrix_entry(matrix: np.ndarray) -> dict:
+    return {"rows": len(matrix), "cols": matrix.shape[1], "data": [float(x) for x in np.ravel(matrix)]}
 
 
 def load_camera(path: str | Path) -> Camera:
@@ -389,16 +476,28 @@ def camera_from_dict(content: dict) -> Camera:
     """
     if not isinstance(content, dict):
         raise ValueError("it has no entries")
-    if content["distortion_model"] != "plumb_bob":
-        raise ValueError(f"distortion model {content['distortion_model']!r:.40} is not supported, only plumb_bob")
     matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
-    distortion = np.array(content["distortion_coefficients"]["data"], float).reshape(5)
+    distortion = _parse_distortion(content)
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
     block = "pose" if "pose" in content else "mount"  # its name in version 0.1
     pose = _parse_pose(content[block]) if block in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
+
+
+def _parse_distortion(content: dict) -> np.ndarray:
+    """The coefficients of a camera file; older ones name no model, which is plumb_bob unless there are eight."""
+    data = np.array(content["distortion_coefficients"]["data"], float)
+    model = content.get("distortion_model") or ("rational_polynomial" if len(data) == 8 else "plumb_bob")
+    counts = {name: count for count, name in DISTORTION_MODELS.items()}
+    if model not in counts:
+        raise ValueError(f"distortion model {model!r:.40} is not supported, only {', '.join(sorted(counts))}")
+    # the last coefficients may be left out, or be followed by those of a longer model, if they are zero
+    count = counts[model]
+    if data.ndim != 1 or len(data) < 4 or np.any(data[count:]):
+        raise ValueError(f"{model} has {count} distortion coefficients, not {data.size}")
+    return np.pad(data[:count], (0, max(0, count - len(data))))
 
 
 def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:

@@ -17,16 +17,20 @@ from lanes.images import require_rgb
 
 # Smaller grids occur by chance in wall textures and keyboards.
 MIN_GRID = (5, 4)
-# Larger images are resized to this width for detection, because the detectors are slow and less reliable on them.
-DETECTION_WIDTH_PX = 1600
+# Larger images are resized until their longer side has this length, because the detectors are slow and less reliable on
+# them.
+DETECTION_LENGTH_PX = 1600
+# Standard deviation of the blur before the classic detector, pixels of the resized image. On a texture of single pixels
+# that detector takes a minute.
+TEXTURE_BLUR_PX = 1.5
 # Start grids for the detection of a part of the board; which of them the detector finds depends on the image.
 SEED_PATTERNS = ((3, 3), (5, 5))
 # Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
 # contrast of the board. Glare lowers it.
 MIN_CONTRAST = 0.3
-# Largest change between successive corner distances, as a share of the smallest distance. Perspective and distortion
-# together reach 0.23 on 40 rendered and real boards.
-MAX_SPACING_CHANGE = 0.4
+# Largest distance of a corner from where the homography of the three rows before it predicts it, as a share of the step
+# between corners. A grid that skips a row misses it by a whole step; on boards of fisheye lenses it is up to 0.2.
+MAX_UNEVENNESS = 0.4
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +66,7 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
     if min(pattern) < 3:
         raise CameraError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = max(1.0, gray.shape[1] / DETECTION_WIDTH_PX)
+    scale = max(1.0, max(gray.shape) / DETECTION_LENGTH_PX)
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
     # the sector-based detector draws random numbers
     cv2.setRNGSeed(0)
@@ -87,11 +91,12 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray |
     # CALIB_CB_NORMALIZE_IMAGE is not set: it moved the corners of a large real board by pixels. CALIB_CB_ACCURACY is
     # not set: it takes four times as long, and the corners are refined later.
     found, corners = cv2.findChessboardCornersSB(gray, pattern, flags=0)
-    if found:
-        return corners.reshape(rows, columns, 2)
+    if found and _is_even(grid := corners.reshape(rows, columns, 2)):
+        return grid
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(gray, pattern, flags=flags)
-    return corners.reshape(rows, columns, 2) if found else None
+    smooth = cv2.GaussianBlur(gray, (0, 0), TEXTURE_BLUR_PX)
+    found, corners = cv2.findChessboardCorners(smooth, pattern, flags=flags)
+    return grid if found and _is_even(grid := corners.reshape(rows, columns, 2)) else None
 
 
 def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
@@ -145,16 +150,38 @@ def _grow_grid(gray: np.ndarray, grid: np.ndarray, pattern: tuple[int, int]) -> 
 
 def _extend_by_row(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
     """The grid with one more row, predicted by the homography of its last three rows; None if it is not visible."""
-    last = grid[-3:]
-    y, x = np.mgrid[: len(last) + 1, : grid.shape[1]].astype(np.float32)
-    squares = np.stack([x, y], axis=-1)
-    homography, _ = cv2.findHomography(squares[:-1].reshape(-1, 2), last.reshape(-1, 2))
-    predicted = cv2.perspectiveTransform(squares[-1].reshape(-1, 1, 2), homography).reshape(-1, 2)
-    if not _inside_image(gray, predicted):
+    predicted = _predict_row(grid[-3:])
+    if predicted is None or not _inside_image(gray, predicted):
         return None
     extended = np.concatenate([grid, predicted[None]]).astype(np.float32)
     extended[-1] = _refine_corners(gray, extended)[-1]
     return extended if _is_chessboard(gray, extended) else None
+
+
+def _predict_row(rows: np.ndarray) -> np.ndarray | None:
+    """The row (columns, 2) that follows three rows (3, columns, 2) of a grid, by their homography; None without one."""
+    y, x = np.mgrid[:4, : rows.shape[1]].astype(np.float32)
+    squares = np.stack([x, y], axis=-1)
+    homography, _ = cv2.findHomography(squares[:3].reshape(-1, 2), rows.reshape(-1, 2))
+    if homography is None:
+        return None
+    return cv2.perspectiveTransform(squares[3].reshape(-1, 1, 2), homography).reshape(-1, 2)
+
+
+def _is_even(grid: np.ndarray) -> bool:
+    """Whether each row of a grid (rows, columns, 2) is where the three rows before it predict it, from all four sides.
+
+    A detector that looks for fewer rows than the board has can skip some. The steps between corners alone do not show
+    this: those of a wide-angle lens also change.
+    """
+    for side in (np.rot90(grid, quarter_turns) for quarter_turns in range(4)):
+        for first in range(len(side) - 3):
+            row = side[first + 3]
+            predicted = _predict_row(np.ascontiguousarray(side[first : first + 3]))
+            step_px = np.linalg.norm(row - side[first + 2], axis=1).min()
+            if predicted is None or np.linalg.norm(predicted - row, axis=1).max() > MAX_UNEVENNESS * step_px:
+                return False
+    return True
 
 
 def _inside_image(gray: np.ndarray, points: np.ndarray) -> bool:
@@ -167,11 +194,9 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray) -> bool:
     """Whether a grid (rows, columns, 2) has even spacing and alternating black and white squares at all corners."""
     if min(grid.shape[:2]) < 3:
         return False
-    step_u, step_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
-    changes = [np.linalg.norm(np.diff(grid, 2, axis=axis), axis=2).max() for axis in (0, 1)]
-    smallest = min(np.linalg.norm(step, axis=2).min() for step in (step_u, step_v))
-    if max(changes) > MAX_SPACING_CHANGE * smallest:
+    if not _is_even(grid):
         return False
+    step_u, step_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
     diagonals = (step_u + step_v, -step_u - step_v, step_u - step_v, step_v - step_u)
     around = (grid + 0.25 * np.stack(diagonals)).astype(np.float32)
     squares = np.stack(

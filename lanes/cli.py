@@ -31,7 +31,7 @@ from lanes.errors import LaneError, PictureError, PoseError
 from lanes.explain import explain
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
-from lanes.images import PICTURE_SUFFIXES, read_image, write_image
+from lanes.images import kind_of_file, read_image, write_image
 from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, PRIOR_HEIGHT_M, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
@@ -40,10 +40,10 @@ from lanes.video.reader import read_video
 
 
 class Calibrate:
-    """Calibrate the lens from 10 to 20 pictures of a chessboard, and write a camera file. Tilt the board in
-    another direction for each picture, and cover all parts of the picture. The inner corners of the board,
-    columns x rows, are one less than its squares. A table lists for each picture whether it was used, and its
-    error. The sheet shows the corners found.
+    """Calibrate the lens from 10 to 20 pictures or a video of a chessboard, and write a camera file. Tilt the
+    board in another direction for each picture, and cover all parts of the picture. The inner corners of the
+    board, columns x rows, are one less than its squares. A table lists for each picture whether it was used,
+    and its error. The sheet shows the corners found.
     """
 
     SUMMARY = "calibrate the lens from pictures of a chessboard"
@@ -53,7 +53,7 @@ class Calibrate:
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
-        words = "picture of a chessboard, or folder of pictures"
+        words = "picture or video of a chessboard, or folder of them"
         parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
         words = "inner corners of the board (default: 9x6)"
         parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
@@ -258,7 +258,7 @@ class Explain:
         figure_kind(options.output)
         require_no_input_among([options.output], options.files)
         (file,) = options.files
-        if file.suffix.lower() not in PICTURE_SUFFIXES:
+        if kind_of_file(file) != "picture":
             image = next(read_video(file, start_s=options.at or 0.0))
         elif options.at is None:
             image = read_image(file)
@@ -325,8 +325,8 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
-    words = "calibrate the lens from pictures of a chessboard with 9 x 6 inner corners"
-    lens.add_argument("--boards", type=Path, metavar="FOLDER", help=words)
+    words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
+    lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -354,6 +354,8 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
     Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
     """
+    if sources.skipped:
+        print(f"note: skipped, neither a video nor a picture: {_list_names(sources.skipped)}", file=sys.stderr)
     camera = field = None
     quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
     if options.camera:
@@ -370,6 +372,12 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
+
+
+def _list_names(paths: Sequence[Path]) -> str:
+    """The first five paths, and how many more there are."""
+    more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
+    return ", ".join(map(str, paths[:5])) + more
 
 
 def report_failures(failures: Sequence[Exception], done: int) -> int:

@@ -34,6 +34,8 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
     info, camera, pose = prepare_drive(video, settings)
     if pose:
         print(pose.describe())
+    if info.note:
+        print(f"{video}: {info.note}")
     for frame, lane in track(video, camera, info=info, progress=settings.progress):
         names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
         yield names | as_detection(lane, camera, rows, frame.latency_ms)

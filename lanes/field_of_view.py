@@ -17,7 +17,7 @@ import numpy as np
 
 from lanes.camera import HFOV_RANGE_DEG
 from lanes.files import require_file
-from lanes.images import PICTURE_SUFFIXES
+from lanes.images import kind_of_file, read_orientation, upright_axes
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
@@ -29,7 +29,10 @@ RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
 
 @dataclass(frozen=True)
 class FieldOfView:
-    """A horizontal field of view, and its source as text; `assumed` if it is a default and not a measurement."""
+    """A horizontal field of view, and its source as text.
+
+    If it is `assumed`, which is a default and not a measurement, it is that of the longer side of the image.
+    """
 
     hfov_deg: float
     source: str
@@ -40,10 +43,18 @@ class FieldOfView:
         """Text such as "field of view 62.6 deg, as a.jpg says (EXIF)"."""
         return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}"
 
+    def across(self, size: tuple[int, int]) -> float:
+        """Horizontal field of view in degrees of images of `size` (width, height)."""
+        width, height = size
+        if not self.assumed or width >= height:
+            return self.hfov_deg
+        return float(np.degrees(2 * np.arctan(np.tan(np.radians(self.hfov_deg) / 2) * width / height)))
+
     def describe(self) -> str:
         """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
         effect = (
-            f", {self.source}. Offset and lane width do not depend on it, but distances and curvature do: if the true "
+            f", {self.source}; it is that of the longer side. Offset and lane width do not depend on it, but distances "
+            "and curvature do: if the true "
             "value is 50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
         )
         return f"{self.words}{effect if self.assumed else ''}"
@@ -52,7 +63,7 @@ class FieldOfView:
 def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
     """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
     for file in files:
-        if file.suffix.lower() in PICTURE_SUFFIXES and (hfov_deg := read_hfov(file)):
+        if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
             return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
     return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
 
@@ -67,7 +78,8 @@ def read_hfov(still: str | Path) -> float | None:
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
             entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
         named = {ExifTags.TAGS.get(key, ""): value for key, value in entries.items()}
-        hfov_deg = float(np.degrees(2 * np.arctan(width / 2 / _focal_length_px(named, width, height))))
+        upright_width = width if upright_axes(read_orientation(still))[0, 0] else height
+        hfov_deg = float(np.degrees(2 * np.arctan(upright_width / 2 / _focal_length_px(named, width, height))))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None
     return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None

@@ -15,7 +15,8 @@ import re
 import secrets
 import stat
 import sys
-from collections.abc import Collection, Iterable, Iterator, Mapping
+import zlib
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -24,6 +25,8 @@ from filelock import FileLock, Timeout
 
 PARTIAL = ".partial."
 _DIGITS = 12
+# Longest name of a file, bytes, on all usual file systems.
+_MAX_NAME_BYTES = 255
 # A lock that another run released and removed a moment ago is created again within this time.
 _LOCK_TIMEOUT_S = 0.2
 # Errors of file systems without locks.
@@ -83,8 +86,8 @@ def read_text(
         raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
 
 
-def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
-    """The files of a folder with one of `suffixes` (lower case), without hidden and partial files.
+def list_files(folder: str | Path) -> list[Path]:
+    """The files of a folder, without hidden and partial ones.
 
     Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
     """
@@ -94,7 +97,7 @@ def list_files(folder: str | Path, suffixes: Collection[str]) -> list[Path]:
     if not folder.is_dir():
         raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
     try:
-        found = [path for path in folder.iterdir() if path.suffix.lower() in suffixes and path.is_file()]
+        found = [path for path in folder.iterdir() if path.is_file()]
     except PermissionError as error:
         raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
     # macOS adds hidden files such as ._board1.png.
@@ -123,7 +126,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
             raise OSError(f"it is {_describe_kind(target.stat())}")
         target.parent.mkdir(parents=True, exist_ok=True)
         remove_stale_partials(target)
-        partial = target.with_name(f"{target.stem}{PARTIAL}{secrets.token_hex(_DIGITS // 2)}{target.suffix}")
+        partial = target.with_name(f"{_partial_stem(target)}{secrets.token_hex(_DIGITS // 2)}{target.suffix}")
         partial.touch(exist_ok=False)
         # On Windows nobody but the lock itself could write to a locked file.
         lock = _lock(partial) if sys.platform != "win32" else None
@@ -142,13 +145,22 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 def remove_stale_partials(path: Path) -> None:
     """Remove the partial files that killed processes left of `path`, and of outputs that differ only in the suffix."""
-    ours = re.compile(re.escape(path.stem + PARTIAL) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
+    ours = re.compile(re.escape(_partial_stem(path)) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
     with suppress(OSError), os.scandir(path.parent) as entries:
         leftovers = [Path(entry.path) for entry in entries if ours.fullmatch(entry.name)]
         for leftover in leftovers:
             # A running process holds the lock: Timeout is an OSError.
             with suppress(OSError), FileLock(leftover, timeout=0, fallback_to_soft=False):
                 leftover.unlink()
+
+
+def _partial_stem(path: Path) -> str:
+    """Begin of the names of all partial files of an output; a long name is cut, and made different by a checksum."""
+    stem, longest = os.fsencode(path.stem), _MAX_NAME_BYTES - len(PARTIAL) - _DIGITS - len(".jpeg")
+    if len(stem) > longest:
+        checksum = f"-{zlib.crc32(stem):08x}"
+        return stem[: longest - len(checksum)].decode(errors="ignore") + checksum + PARTIAL
+    return path.stem + PARTIAL
 
 
 @contextmanager
@@ -158,7 +170,7 @@ def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
     Raises OSError if the folder cannot be written to, or if another process holds the lock; with `wait` it waits.
     """
     lock_path = Path(os.path.realpath(path))
-    lock_path = lock_path.with_name(f"{lock_path.stem}{PARTIAL}lock")
+    lock_path = lock_path.with_name(f"{_partial_stem(lock_path)}lock")
     with translate_write_errors(path):
         lock_path.parent.mkdir(parents=True, exist_ok=True)
         try:

@@ -14,32 +14,47 @@ import numpy as np
 
 from lanes.errors import VideoError
 from lanes.files import list_files, require_no_input_among
-from lanes.images import PICTURE_SUFFIXES, natural_key, read_image
-from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.images import kind_of_file, natural_key, read_image, read_orientation
+from lanes.video.reader import (
+    STAMP_TOLERANCE_S,
+    TimedFrame,
+    VideoInfo,
+    inspect_turn,
+    inspect_video,
+    read_timed_frames,
+)
 
-# Video suffixes looked for in a folder. A file that is named directly may have any suffix.
-VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg")
 # Reading this much of a video takes about as long as reopening it at another time.
 SEEK_S = 2.0
 
 
 @dataclass(frozen=True)
 class Sources:
-    """Videos and stills without duplicates, in natural order within a folder."""
+    """Videos and stills without duplicates, in natural order within a folder; `skipped` files are neither."""
 
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
+    skipped: tuple[Path, ...] = ()
 
 
 def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
     Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``. Raises FileNotFoundError for a name that stands for no file.
+    ``drives/*.mp4``. Their content decides what they are (`kind_of_file`); a file that is named itself and is no
+    picture is taken for a video. Raises FileNotFoundError for a name that stands for no file.
     """
-    files = dict.fromkeys(path for name in names for path in _files(name))
-    stills = tuple(path for path in files if path.suffix.lower() in PICTURE_SUFFIXES)
-    return Sources(tuple(path for path in files if path.suffix.lower() not in PICTURE_SUFFIXES), stills)
+    files: dict[Path, str] = {}
+    skipped: list[Path] = []
+    for name in names:
+        in_folder = bool(name) and Path(name).is_dir()
+        kinds = {path: kind_of_file(path) or (None if in_folder else "video") for path in _files(name)}
+        skipped += [path for path, kind in kinds.items() if kind is None]
+        if in_folder and not any(kinds.values()):
+            raise FileNotFoundError(f"{name}: holds neither a video nor a picture; name another folder.")
+        files |= {path: kind for path, kind in kinds.items() if kind}
+    videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "picture"))
+    return Sources(videos, stills, tuple(skipped))
 
 
 def require_distinct_outputs(inputs: Sequence[Path], outputs: Sequence[Path]) -> None:
@@ -61,9 +76,7 @@ def _files(name: str) -> list[Path]:
     except PermissionError as error:
         raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
     if name and path.is_dir():
-        found = list_files(path, PICTURE_SUFFIXES + VIDEO_SUFFIXES)
-        if not found:
-            raise FileNotFoundError(f"{path}: holds neither a video nor a picture; name another folder.")
+        found = list_files(path)
     elif name and path.exists():
         return [path]
     else:
@@ -71,6 +84,11 @@ def _files(name: str) -> list[Path]:
         if not found:
             raise FileNotFoundError(f"{name}: there is no such file or folder; check the name.")
     return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))
+
+
+def read_turn(file: Path) -> int:
+    """The EXIF orientation of a still, or that which the display matrix of a video stands for."""
+    return read_orientation(file) if kind_of_file(file) == "picture" else inspect_turn(file)
 
 
 def sample_images(
@@ -90,7 +108,7 @@ def sample_images(
     """
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
-        if file.suffix.lower() in PICTURE_SUFFIXES:
+        if kind_of_file(file) == "picture":
             candidates.append((file, None))
         else:
             info = (infos or {}).get(file) or inspect_video(file)

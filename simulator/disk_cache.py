@@ -72,6 +72,7 @@ def _read(path: Path) -> np.ndarray | None:
 def _remove_oldest(folder: Path, max_files: int) -> None:
     """Remove all but the `max_files` latest arrays of a folder."""
     with suppress(OSError, ValueError):
-        files = sorted(list_files(folder, {".npy"}), key=lambda path: path.stat().st_mtime, reverse=True)
+        arrays = (path for path in list_files(folder) if path.suffix == ".npy")
+        files = sorted(arrays, key=lambda path: path.stat().st_mtime, reverse=True)
         for path in files[max_files:]:
             path.unlink()

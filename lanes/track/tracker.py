@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from numbers import Real
 
 import numpy as np
 
@@ -23,7 +22,7 @@ from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvi
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
-from lanes.errors import LaneError
+from lanes.errors import require_number
 from lanes.track.departure import watch_departure
 from lanes.track.filter import (
     CAMERA_YAW,
@@ -120,10 +119,8 @@ class LaneTracker:
         speed_mps: float | None = None,
         settings: TrackerSettings | None = None,
     ) -> None:
-        self.fps = _number(fps, "fps")
-        if not 0 < self.fps < np.inf:
-            raise LaneError(f"a video has more than 0 frames a second; got fps={fps}.")
-        self.speed_mps = None if speed_mps is None else _number(speed_mps, "speed_mps")
+        self.fps = require_number(fps, "fps", positive=True)
+        self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
         self.settings = settings or TrackerSettings()
         camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
@@ -183,10 +180,10 @@ class LaneTracker:
         PictureError
             If the image is not RGB or not of the camera's size.
         LaneError
-            If `elapsed_s` is not a number.
+            If `elapsed_s` is not a finite number.
         """
         s = self.settings
-        elapsed_s = 1 / self.fps if elapsed_s is None else _number(elapsed_s, "elapsed_s")
+        elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s")
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
         self._frames += 1
@@ -355,10 +352,3 @@ class LaneTracker:
         tolerance_m = np.clip(3.0 * lateral_std_m(known.fit_covariance, at_m), *self.settings.same_lane_m)
         # lines of a hairpin may turn back before these distances: NaN counts as the same
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
-
-
-def _number(value: object, name: str) -> float:
-    """A Python float of an int, float, Fraction or NumPy number."""
-    if isinstance(value, (Real, np.number)) and not isinstance(value, bool):
-        return float(value)
-    raise LaneError(f"{name} must be a number; got {value!r}.")

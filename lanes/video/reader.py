@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -30,6 +32,10 @@ MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 STAMP_TOLERANCE_S = 1e-3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
 CLOCK_RESET_S = 1
+# Largest ratio of a pixel's width to its height, and of its height to its width.
+MAX_PIXEL_ASPECT = 4
+# Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
+MAX_BOXES = 100_000
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
@@ -67,8 +73,8 @@ class ColourTags:
 class VideoInfo:
     """Properties of a video file.
 
-    Width and height are those shown, after rotation. `missing` counts frames that the header announces or the time
-    stamps have gaps for, but that are not in the file.
+    Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
+    announces or the time stamps have gaps for, but that are not in the file. `note` names a part that is not read.
     """
 
     width: int
@@ -79,6 +85,7 @@ class VideoInfo:
     has_audio: bool
     missing: int = 0
     colours: ColourTags = ColourTags()
+    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,12 +104,13 @@ class TimedFrame:
 def inspect_video(path: str | Path) -> VideoInfo:
     """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
 
-    Raises FileNotFoundError, or VideoError if the file is empty, not a video, without frames, or cut off.
+    A file that was cut off has its frames up to there. Raises FileNotFoundError, or VideoError if the file is empty,
+    not a video, or without frames.
     """
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, first = 0, [], 0.0, None
-        for packet in translate_errors(container.demux(), path):
+        for packet in _packets(container):
             if packet.pts is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
             if packet.stream is stream:
@@ -114,19 +122,26 @@ def inspect_video(path: str | Path) -> VideoInfo:
         if first is None:
             raise VideoError(f"{path}: {NOT_DECODED}")
         rate = frame_rate(stream, path)
-        _refuse_cut_off(path, container, rate, stored, end_s)
-        missing = max(0, stream.frames - stored) or _count_gaps(stamps, rate, stream)
-        width, height = (first.height, first.width) if _quarter_turns(first) % 2 else (first.width, first.height)
+        gaps, cut_off = _count_gaps(stamps, rate, stream), _count_cut_off(container, rate, end_s)
+        width, height = _shown_size(first, stream)
         return VideoInfo(
             width=width,
             height=height,
             fps=float(rate),
             frames=len(stamps),
-            duration_s=round(float((len(stamps) + missing) / rate), 6),
+            duration_s=round(float((len(stamps) + gaps) / rate), 6),
             has_audio=bool(container.streams.audio),
-            missing=missing,
+            missing=max(stream.frames - stored, gaps + cut_off),
             colours=ColourTags.of(first),
+            note=_describe_unread(Path(path)),
         )
+
+
+def inspect_turn(path: str | Path) -> int:
+    """The EXIF orientation that a video's display matrix stands for: 1, 3, 6 or 8."""
+    with open_video(path) as container:
+        frame = next(decode_frames(container, container.streams.video[0]), None)
+        return 1 if frame is None else (1, 8, 3, 6)[_quarter_turns(frame)]
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
@@ -144,6 +159,10 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
     """
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
+    yield from translate_errors(_read_frames(path, start_s, end_s), path)
+
+
+def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
     last: TimedFrame | None = None
     with open_video(path) as container:
         stream = container.streams.video[0]
@@ -154,22 +173,23 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
         if start_s > 1 and stream.time_base:
             # to a key frame; one second early, because some containers seek coarsely
             container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-        decoded = translate_errors(decode_frames(container, stream), path)
-        for frame, time_s in _timed(decoded, stream, rate, path):
+        for frame, time_s in _timed(decode_frames(container, stream), stream, rate, path):
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            number = round(time_s * rate)
             if last is not None:
                 number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
+            elif constant_rate or start_s == 0:
+                number = round(time_s * rate)
+            else:
+                number = _count_before(path, frame.pts)
             elapsed_s = None if last is None else float(time_s) - last.time_s
-            image = converter.reformat(frame, format="rgb24", threads=1).to_ndarray()
-            upright = np.ascontiguousarray(np.rot90(image, _quarter_turns(frame)))
-            last = TimedFrame(number, float(time_s), upright, elapsed_s)
+            last = TimedFrame(number, float(time_s), _upright_rgb(frame, stream, converter, path), elapsed_s)
             yield last
     if last is None:
-        raise VideoError(f"{path}: has no frame at or after {start_s} s; start earlier.")
+        until = "" if end_s is None else f" and before {end_s:g} s"
+        raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
 def open_video(path: str | Path) -> InputContainer:
@@ -197,8 +217,20 @@ def open_video(path: str | Path) -> InputContainer:
 
 def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
     """The undamaged frames of a stream in order: of video or sound."""
-    for packet in container.demux(stream):
+    for packet in _packets(container, stream):
         yield from _decoded(packet)
+
+
+def _packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
+    """The packets of these or all streams; a file that is damaged after some packets ends there."""
+    count = 0
+    try:
+        for packet in container.demux(*streams):
+            yield packet
+            count += 1
+    except av.FFmpegError:
+        if not count:
+            raise
 
 
 def translate_errors(items: Iterator, path: str | Path) -> Iterator:
@@ -278,6 +310,49 @@ def _quarter_turns(frame: av.VideoFrame) -> int:
     return round(frame.rotation / 90) % 4
 
 
+def _upright_rgb(
+    frame: av.VideoFrame, stream: av.VideoStream, converter: VideoReformatter, path: str | Path
+) -> np.ndarray:
+    """The RGB image of a frame, rotated and with square pixels."""
+    width, height = _square_size(frame, stream)
+    try:
+        image = converter.reformat(frame, width, height, format="rgb24", threads=1).to_ndarray()
+    except av.FFmpegError as error:
+        raise VideoError(
+            f"{path}: its colours cannot be converted to RGB (matrix {frame.colorspace} of Recommendation H.273, "
+            f"{frame.format.name}); export it with the colours of BT.709."
+        ) from error
+    return np.ascontiguousarray(np.rot90(image, _quarter_turns(frame)))
+
+
+def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
+    """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
+    aspect = stream.sample_aspect_ratio or Fraction(1)
+    if not 1 / MAX_PIXEL_ASPECT <= aspect <= MAX_PIXEL_ASPECT:  # nonsense
+        aspect = Fraction(1)
+    return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
+
+
+def _shown_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
+    width, height = _square_size(frame, stream)
+    return (height, width) if _quarter_turns(frame) % 2 else (width, height)
+
+
+def _count_before(path: str | Path, pts: int | None) -> int:
+    """Number of frames before that with the time stamp `pts`, in a video of variable rate."""
+    if pts is None:  # a raw stream, which begins at its first frame
+        return 0
+    file = Path(path).stat()
+    return int(np.searchsorted(_sorted_stamps(str(path), file.st_mtime_ns, file.st_size), pts))
+
+
+@lru_cache(maxsize=1)
+def _sorted_stamps(path: str, *version: int) -> np.ndarray:
+    with open_video(path) as container:
+        packets = _packets(container, container.streams.video[0])
+        return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
+
+
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
     return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
 
@@ -292,14 +367,29 @@ def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream
     return int(np.maximum(np.rint(steps) - 1, 0).sum())
 
 
-def _refuse_cut_off(path: str | Path, container: InputContainer, rate: Fraction, stored: int, end_s: float) -> None:
-    """Refuse a file that ends before its header announces; frames missing in the middle are counted elsewhere."""
+def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
+    """Number of frames that the header announces beyond the last packet, at `end_s`."""
     stream = container.streams.video[0]
     announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base
-    frame_s = float(1 / rate)
-    in_frames_s = float(start_time(stream)) + stream.frames * frame_s
-    if announced_s - end_s > CUT_OFF_S or (stored < stream.frames and in_frames_s - end_s > 1.5 * frame_s):
-        length_s = max(announced_s, in_frames_s)
-        raise VideoError(
-            f"{path}: is cut off after {end_s:.2f} of the {length_s:.2f} s that it announces; copy it again."
-        )
+    in_frames_s = float(start_time(stream) + stream.frames / rate)
+    cut_off_s = max(announced_s, in_frames_s) - end_s
+    return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0
+
+
+def _describe_unread(path: Path) -> str:
+    """What of an mp4 or mov file is not read: a second one behind the first, as `cat` joins them; else empty."""
+    with path.open("rb") as file:
+        at, size = 0, path.stat().st_size
+        for _ in range(MAX_BOXES):
+            if at + 16 > size:
+                break
+            file.seek(at)
+            length, kind, long_length = struct.unpack(">I4sQ", file.read(16))
+            if at == 0 and kind != b"ftyp":
+                return ""
+            if kind == b"ftyp" and at:
+                share = (size - at) / size
+                return f"a second video follows in this file ({share:.0%} of its bytes) and is not read; split it."
+            length = {0: size, 1: long_length}.get(length, length)
+            at += max(length, 8)
+    return ""

@@ -15,11 +15,13 @@ import numpy as np
 from av.container import InputContainer, OutputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.errors import VideoError
+from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
 from lanes.video.reader import (
     CLOCK_RESET_S,
+    MAX_FPS,
+    MIN_FPS,
     STAMP_TOLERANCE_S,
     ColourTags,
     decode_frames,
@@ -80,7 +82,9 @@ class VideoWriter:
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
         self.frames = 0
-        self._rate = Fraction(fps).limit_denominator(1001)
+        self._rate = Fraction(require_number(fps, "fps", positive=True)).limit_denominator(1001)
+        if not MIN_FPS <= self._rate <= MAX_FPS:
+            raise VideoError(f"{path}: {fps} frames a second cannot be written; give {float(MIN_FPS):g} to {MAX_FPS}.")
         # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
@@ -119,7 +123,7 @@ class VideoWriter:
         """First half of `write`: the frame in YUV with its time stamp. `image` may be overwritten afterwards."""
         image = require_rgb(image, f"frame {self.frames} of {self.path}")
         height, width = image.shape[:2]
-        time_s = self.frames / float(self._rate) if time_s is None else time_s
+        time_s = self.frames / float(self._rate) if time_s is None else require_number(time_s, "time_s")
         if self._size is None:
             self._size, self._zero_s = (width, height), time_s
         if (width, height) != self._size:
