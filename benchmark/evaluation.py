@@ -20,7 +20,7 @@ from lanes.errors import PoseError
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
 from lanes.track.tracker import TrackerSettings
-from lanes.video.reader import inspect_video, read_video
+from lanes.video.reader import inspect_video, read_timed_frames
 
 
 @dataclass(frozen=True)
@@ -61,11 +61,12 @@ def run_system(
     if prepared.camera:
         find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every, settings=settings)
     else:
-        find, to_estimate = (lambda image: None), (lambda nothing: LaneEstimate())
-    estimates, time_ms = [], []
-    for image in islice(read_video(video, end_s=end_s), 0, None, every):
+        find, to_estimate = (lambda image, elapsed_s: None), (lambda nothing: LaneEstimate())
+    estimates, time_ms, last = [], [], None
+    for frame in islice(read_timed_frames(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
-        found = find(image)
+        found = find(frame.image, last and frame.time_s - last.time_s)
+        last = frame
         time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
         estimates.append(to_estimate(found))
     return DriveEstimates.from_frames(estimates, time_ms)

@@ -50,22 +50,25 @@ def source_files(system: str) -> tuple[Path, ...]:
 def start_system(
     system: str | OwnFinder, camera: Camera, fps: float, *, settings: TrackerSettings | None = None
 ) -> tuple[Callable, Callable[..., LaneEstimate]]:
-    """Start a system on a drive: a function of the next frame, and one that makes the estimate of what it returns.
+    """Start a system on a drive: a function of the next frame, and of the seconds since the one before if they are not
+    1 / fps, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
     system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
     `settings` are those of the tracker. Raises ValueError if the system is unknown.
     """
     if callable(system):
-        return lambda image: system(image, camera), estimate_from_lines
+        return lambda image, _=None: system(image, camera), estimate_from_lines
     if is_own_finder(system):
         return start_system(load_finder(system), camera, fps)
     require_system(system)
     if system == TRACKER:
-        return LaneTracker(camera, fps=fps, settings=settings).update, lane_estimate
+        tracker = LaneTracker(camera, fps=fps, settings=settings)
+        return lambda image, elapsed_s=None: tracker.update(image, elapsed_s=elapsed_s), lane_estimate
     if system == DETECTOR:
-        return lambda image: find_lane(image, camera), lane_estimate
-    return _start_recipe(system, camera).follow, recipe_estimate
+        return lambda image, _=None: find_lane(image, camera), lane_estimate
+    finder = _start_recipe(system, camera)
+    return lambda image, _=None: finder.follow(image), recipe_estimate
 
 
 def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:

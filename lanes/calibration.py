@@ -37,6 +37,8 @@ MAX_ERROR_SHARE = 0.0025
 # Frames of a video in which a board is looked for, and the most that are used, those in which it is seen most
 # differently.
 VIDEO_FRAMES, VIDEO_BOARDS = 60, 20
+# Two boards are seen alike if no corner differs by more than this share of the image's size.
+SAME_VIEW_SHARE = 0.01
 _ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
 
 
@@ -149,13 +151,15 @@ def _add_video(found: BoardDetections, name: str, path: Path) -> None:
 
 
 def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
-    """The names of up to `count` boards, each of them as far from those before it as possible, in their own order."""
+    """The names of up to `count` boards in their order, each as far from the others as possible; no two are alike."""
     names = list(boards)
     outlines = np.array([_outline(board) for board in boards.values()])
     chosen: set[int] = set()
     distance = np.full(len(names), np.inf)
     while len(chosen) < min(count, len(names)):
         farthest = int(distance.argmax())
+        if distance[farthest] < SAME_VIEW_SHARE:
+            break
         chosen.add(farthest)
         distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=1))
         distance[farthest] = -1

@@ -10,11 +10,12 @@ class LaneError(ValueError):
     """The input cannot be used; the base class of all errors of this package."""
 
 
-def require_number(value: object, name: str, *, positive: bool = False) -> float:
-    """The finite number as a Python float: of an int, float, Fraction or NumPy number. Raises LaneError otherwise."""
-    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else math.nan
-    if not math.isfinite(number) or (positive and number <= 0):
-        raise LaneError(f"{name} must be a {'positive' if positive else 'finite'} number; got {value!r}.")
+def require_number(value: object, name: str, *, positive: bool = False, finite: bool = True) -> float:
+    """The number as a Python float: of an int, float, Fraction or NumPy number. Raises LaneError otherwise."""
+    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    if number is None or (finite and not math.isfinite(number)) or (positive and not number > 0):
+        kind = "positive " if positive else "finite " if finite else ""
+        raise LaneError(f"{name} must be a {kind}number; got {value!r}.")
     return number
 
 

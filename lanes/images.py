@@ -26,7 +26,7 @@ _QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", 
 # First bytes of picture formats, and Pillow's module for each. HEIC is refused with a sentence, AVIF where Pillow lacks
 # it.
 _PICTURE_FORMATS = {
-    rb"\xff\xd8\xff": "Jpeg",
+    rb"\xff\xd8": "Jpeg",
     rb"\x89PNG\r\n\x1a\n": "Png",
     rb"RIFF....WEBP": "WebP",
     rb"BM": "Bmp",
@@ -108,7 +108,8 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
             image = np.array(picture.convert("RGB"))
         else:
             options = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-            bgr = cv2.imdecode(np.frombuffer(data, np.uint8), options)
+            # some cameras omit the end marker of a JPEG
+            bgr = cv2.imdecode(np.frombuffer(data + b"\xff\xd9", np.uint8), options)
             image = cv2.cvtColor(np.asarray(bgr, np.uint8), cv2.COLOR_BGR2RGB)
     except (cv2.error, OSError, TypeError) as error:
         raise PictureError(f"{path}: cannot be decoded as a picture; save it again as JPEG or PNG.") from error

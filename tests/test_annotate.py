@@ -8,9 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from lanes.annotate import Annotation, annotate, track
+from lanes.annotate import Annotation, DriveSettings, annotate, track
 from lanes.camera import Camera, CameraPose
+from lanes.detections import detect_in_video
 from lanes.errors import CameraError, PictureError, PoseError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
@@ -20,7 +22,7 @@ from tests.support.clips import write_clip, write_drive
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, PaintedDrive
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import names
-from tests.video.sample_videos import make_video_with_unknown_sound
+from tests.video.sample_videos import make_video, make_video_with_unknown_sound, set_rotation
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 BLACK = np.zeros_like(GREY)
@@ -119,6 +121,41 @@ def test_camera_is_rescaled_or_refused(drive, tmp_path):
     with pytest.raises(CameraError, match=r"drive\.mp4: .*cropped"):
         quietly(drive / "drive.mp4", tmp_path / "no", Camera.from_fov((640, 480), 60, CAMERA.pose))
     assert names(tmp_path / "no") == set()
+
+
+@pytest.mark.parametrize(("orientation", "degrees"), [(1, None), (3, 180), (6, 90), (8, 270)])
+def test_a_calibrated_camera_is_turned_as_the_file_says(tmp_path, orientation, degrees):
+    """Boards are seen by the sensor, drives upright. A camera with a pose is one for upright images already."""
+    lens = replace(SMALL, pose=None)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(BENDS.frame(0.0)).save(tmp_path / "a.jpg", exif=exif)
+    path = make_video(tmp_path / "a.mp4", 3, size=(640, 360))
+    if degrees:
+        set_rotation(path, tmp_path / "b.mp4", degrees)
+        path = tmp_path / "b.mp4"
+    settings, turned = DriveSettings(output=tmp_path, camera=lens), lens.turned(orientation)
+    for file in (tmp_path / "a.jpg", path):
+        camera = settings.camera_for(turned.size, file)
+        np.testing.assert_allclose(camera.matrix, turned.matrix)
+        half = settings.camera_for((turned.width // 2, turned.height // 2), file)
+        assert half.matrix[0, 0] == pytest.approx(turned.matrix[0, 0] / 2)
+    posed = replace(settings, camera=turned.with_pose(SMALL.pose))
+    assert posed.camera_for(turned.size, path) is posed.camera
+
+
+def test_detect_and_annotate_agree_over_a_hole_in_the_video(tmp_path):
+    """The car moves on while nothing is recorded: the tracker must be told the time, by every command."""
+    with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
+        for number in (*range(12), *range(110, 130)):
+            writer.write(BENDS.frame(number / 25), number / 25)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
+    settings = DriveSettings(output=tmp_path, camera=SMALL, progress=False)
+    found = list(detect_in_video(tmp_path / "drive.mp4", settings, range(240, 320, 10)))
+    np.testing.assert_array_equal([row["frame"] for row in found], result.telemetry["frame"])
+    offsets_m = np.array([np.nan if row["offset_m"] is None else row["offset_m"] for row in found])
+    np.testing.assert_allclose(offsets_m, result.telemetry["offset_m"], atol=1e-4)
+    assert offsets_m[-1] == pytest.approx(BENDS.truth(129 / 25).offset_m, abs=0.05)
 
 
 def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):

@@ -8,6 +8,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.calibration import (
@@ -21,10 +22,12 @@ from lanes.calibration import (
 from lanes.camera import Camera
 from lanes.chessboard import Board
 from lanes.errors import CameraError
-from lanes.images import write_image
+from lanes.images import read_image
+from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.dashcam import DASHCAM
 from tests.support.project import REAL_DATA
+from tests.video.sample_videos import set_rotation
 
 SIZE = (1280, 720)
 
@@ -179,7 +182,7 @@ class TestReport:
     """Board 17 is seen in part, 8 in a larger picture, 9 is bent; one picture shows a wall."""
 
     @pytest.fixture
-    def detections(self, boards, tmp_path) -> BoardDetections:
+    def detections(self, boards) -> BoardDetections:
         part = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
         boards["board17.jpg"] = Board(part.reshape(-1, 2), 6, 5, SIZE)
         twice = boards["board8.jpg"].corners_px * 2 + 0.5
@@ -187,11 +190,8 @@ class TestReport:
         bent = boards["board9.jpg"].corners_px.copy()
         bent[::7] += 6
         boards["board9.jpg"] = replace(boards["board9.jpg"], corners_px=bent)
-        paths = {name: tmp_path / name for name in [*boards, "wall.jpg"]}
-        for name, path in paths.items():
-            width, height = boards[name].size if name in boards else SIZE
-            write_image(path, np.full((height, width, 3), 128, np.uint8))
-        return BoardDetections(paths, (9, 6), boards, {"wall.jpg": "no chessboard"})
+        tiles = {name: np.full((225, 400, 3), 128, np.uint8) for name in [*boards, "wall.jpg"]}
+        return BoardDetections(tiles, (9, 6), boards, {"wall.jpg": "no chessboard"})
 
     def test_the_use_of_each_picture_is_described(self, detections):
         camera = calibrate_detections(detections, "here")
@@ -227,7 +227,7 @@ class TestReport:
         tile = (225 + 44 + 12, 400 + 12)
         assert sheet.shape == (3 * tile[0], 5 * tile[1], 3)
         frames = sheet[3 :: tile[0], 3 :: tile[1]].reshape(-1, 3).tolist()
-        names = list(detections.paths)
+        names = list(detections.tiles)
         green, red = [0, 220, 90], [255, 70, 60]
         assert frames[names.index("board2.jpg")] == green
         assert frames[names.index("board9.jpg")] == frames[names.index("wall.jpg")] == red
@@ -237,3 +237,72 @@ class TestReport:
         corners = detections.boards["board2.jpg"].corners_px * 400 / 1280
         np.testing.assert_allclose(drawn.min(axis=0), corners.min(axis=0), atol=6)
         np.testing.assert_allclose(drawn.max(axis=0), corners.max(axis=0), atol=6)
+
+
+def wide_boards(fov_deg: float) -> tuple[Camera, dict[str, Board]]:
+    """A fisheye lens, and fourteen boards all over its image, with a finder's noise."""
+    rng, focal_px = np.random.default_rng(1), 640 / np.radians(fov_deg / 2)
+    matrix = np.array([[focal_px, 0, 650], [0, focal_px, 350], [0, 0, 1]])
+    camera, boards = Camera(*SIZE, matrix, np.array([0.02, -0.01, 0.003, -0.001])), {}
+    while len(boards) < 14:
+        direction = camera.rays(rng.uniform(0.1, 0.9, (1, 2)) * SIZE)
+        turn, distance = rng.uniform(-0.7, 0.7, 3), rng.uniform(6, 16)
+        points = Board(np.zeros((54, 2)), 9, 6, SIZE).object_points - [4, 2.5, 0]
+        shift = distance * direction / np.linalg.norm(direction)
+        corners = cv2.fisheye.projectPoints(points[None], turn, shift, matrix, camera.distortion)[0][0]
+        if ((corners > 5) & (corners < np.subtract(SIZE, 6))).all():
+            noisy = corners + rng.normal(0, 0.2, corners.shape)
+            boards[f"{len(boards)}.jpg"] = Board(noisy.astype(np.float32), 9, 6, SIZE)
+    return camera, boards
+
+
+@pytest.mark.parametrize("fov_deg", [60, 100, 140, 175])
+def test_wide_lenses_get_the_model_that_fits(fov_deg):
+    true, boards = wide_boards(fov_deg)
+    camera = calibrate_boards(boards)
+    assert camera.matrix[0, 0] == pytest.approx(true.matrix[0, 0], rel=0.005)
+    assert camera.is_fisheye == (fov_deg >= 140)
+    assert camera.report.rejected == {} and camera.report.rms_px < 0.4
+    if camera.is_fisheye:
+        assert camera.hfov_deg == pytest.approx(true.hfov_deg, abs=1)
+
+
+def test_boards_that_fit_no_lens_are_refused():
+    """Crumpled paper, for instance: each board bends in another way."""
+    noise = np.random.default_rng(0)
+    boards = {
+        name: replace(board, corners_px=(board.corners_px + noise.normal(0, 4, (54, 2))).astype(np.float32))
+        for name, board in wide_boards(100)[1].items()
+    }
+    with pytest.raises(CameraError, match=r"neither a normal nor a fisheye lens \(error \d\.\d\d px, at most 3\.2\)"):
+        calibrate_boards(boards)
+
+
+@pytest.mark.slow
+def test_boards_are_those_of_the_sensor_whatever_their_orientation(tmp_path):
+    """A phone says how it was held; the pixels are stored as the sensor saw them."""
+    numbers = (2, 3, 6, 9, 12, 13)
+    for number, orientation in zip(numbers, (1, 3, 6, 8, 1, 3), strict=True):
+        exif = Image.Exif()
+        exif[0x0112] = orientation
+        with Image.open(PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg") as board:
+            board.save(tmp_path / f"board{number}.jpg", exif=exif, quality=95)
+    camera = calibrate(tmp_path)
+    assert_is_the_dashcam(camera)
+    assert camera.size == SIZE and camera.report.rejected == {}
+
+
+@pytest.mark.slow
+def test_a_video_of_a_board_is_used(tmp_path):
+    """Its frames that differ most; a phone films it turned."""
+    path = tmp_path / "upright.mp4"
+    with VideoWriter(path, fps=25) as writer:
+        for number in (2, 3, 6, 9, 12, 13, 17, 19):
+            board = read_image(PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg")
+            for _ in range(10):
+                writer.write(board)
+    set_rotation(path, tmp_path / "turned.mp4", 90)
+    camera = calibrate(tmp_path / "turned.mp4")
+    assert_is_the_dashcam(camera)
+    times_s = [float(re.fullmatch(r"turned\.mp4 at (.*) s", name)[1]) for name in camera.report.board_rms_px]
+    assert [int(time_s / 0.4 + 0.01) for time_s in times_s] == list(range(8))

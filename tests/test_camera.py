@@ -10,6 +10,7 @@ import pytest
 import yaml
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from PIL import Image
 
 from lanes.camera import (
     CalibrationReport,
@@ -21,7 +22,8 @@ from lanes.camera import (
     save_camera,
     undistort,
 )
-from lanes.errors import CameraError, PictureError
+from lanes.errors import CameraError, LaneError, PictureError
+from lanes.images import read_image
 from simulator.scenes.dashcam import DASHCAM
 from tests.support.examples import examples
 
@@ -59,7 +61,7 @@ class TestSigns:
 
     @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
     def test_impossible_pose_is_refused(self, bad):
-        with pytest.raises(CameraError, match="height must be positive"):
+        with pytest.raises(LaneError, match="height must be positive|pitch_rad must be a finite number; got nan"):
             CameraPose(**bad)
 
 
@@ -214,13 +216,51 @@ class TestCameraFile:
         del content["pose"]
         assert camera_from_dict(content).pose is None
 
+    def test_the_parser_of_ros_finds_all_its_entries(self, content):
+        """Those that ROS's camera_calibration_parsers requires; an undistorted image has the same camera matrix."""
+        for name, shape in (("camera_matrix", (3, 3)), ("rectification_matrix", (3, 3)), ("projection_matrix", (3, 4))):
+            entry = content[name]
+            assert (entry["rows"], entry["cols"], len(entry["data"])) == (*shape, shape[0] * shape[1])
+        projection = np.reshape(content["projection_matrix"]["data"], (3, 4))
+        np.testing.assert_array_equal(projection[:, :3], DASHCAM.matrix)
+        assert not projection[:, 3].any()
+        np.testing.assert_array_equal(content["rectification_matrix"]["data"], np.eye(3).ravel())
+
+    @pytest.mark.parametrize(
+        ("model", "given", "read"),
+        [
+            (None, [0.1, 0.02, 0.003, 0.004], [0.1, 0.02, 0.003, 0.004, 0.0]),
+            ("plumb_bob", [0.1, 0.02, 0.003, 0.004, 0.005, 0.0, 0.0, 0.0], [0.1, 0.02, 0.003, 0.004, 0.005]),
+            (
+                "rational_polynomial",
+                [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02],
+                [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02],
+            ),
+            (None, [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02], [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02]),
+            ("equidistant", [0.02, -0.01, 0.003, -0.001], [0.02, -0.01, 0.003, -0.001]),
+        ],
+    )
+    def test_the_distortion_models_of_ros_are_read(self, tmp_path, content, model, given, read):
+        content["distortion_coefficients"] = {"rows": 1, "cols": len(given), "data": given}
+        content["distortion_model"] = model
+        if model is None:
+            del content["distortion_model"]
+        camera = load_camera(write(tmp_path / "ros.yaml", content))
+        np.testing.assert_array_equal(camera.distortion, read)
+        rays = np.random.default_rng(0).uniform((-0.6, -0.4, 1), (0.6, 0.4, 1), (50, 3))
+        project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
+        expected, _ = project(rays[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
+        pixels = camera.distort_points(rays[:, :2] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
+        np.testing.assert_allclose(pixels, expected.reshape(-1, 2), atol=1e-6)
+        np.testing.assert_allclose(camera.rays(pixels), rays, atol=1e-6)
+        again = load_camera(save_camera(camera, tmp_path / "again.yaml"))
+        np.testing.assert_array_equal(again.distortion, read)
+
     def test_files_of_version_0_1_are_read(self, tmp_path, content):
         older = content | {"mount": content.pop("pose") | {"same_lane_share": 0.4}}
         assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
 
-    @pytest.mark.parametrize(
-        "entry", ["image_width", "image_height", "camera_matrix", "distortion_model", "distortion_coefficients"]
-    )
+    @pytest.mark.parametrize("entry", ["image_width", "image_height", "camera_matrix", "distortion_coefficients"])
     def test_missing_entry_is_named(self, tmp_path, content, entry):
         del content[entry]
         with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
@@ -241,7 +281,8 @@ class TestCameraFile:
             ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
             ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
             ("image_height", 10**9),
-            ("distortion_coefficients", {"data": [0.1] * 4}),
+            ("distortion_coefficients", {"data": [0.1] * 3}),
+            ("distortion_coefficients", {"data": [0.1] * 8}),
             ("distortion_coefficients", None),
             ("pose", None),
             ("pose", {"height": 1.3}),
@@ -273,3 +314,45 @@ def test_repr_gives_lens_pose_and_calibration():
     )
     assert "<th>calibration</th><td>1 boards, error 0.25 px</td>" in camera._repr_html_()
     assert "pose unknown" in repr(replace(camera, pose=None))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_camera_is_turned_as_the_images_are(tmp_path, orientation):
+    """The ray of a pixel of the upright image is that of the sensor's pixel, seen along the turned axes."""
+    matrix = np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]])
+    camera = replace(DASHCAM, width=128, height=72, matrix=matrix, pose=None)
+    turned = camera.turned(orientation)
+    upright_of = {2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud, 5: lambda a: a.transpose(1, 0, 2)}
+    upright_of |= {6: lambda a: np.rot90(a, -1), 7: lambda a: np.rot90(a.transpose(1, 0, 2), 2), 8: np.rot90}
+    stored = np.dstack([*np.mgrid[:72, :128], np.zeros((72, 128))]).astype(np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(stored).save(tmp_path / "a.png", exif=exif)
+    image = read_image(tmp_path / "a.png")
+    np.testing.assert_array_equal(image, upright_of.get(orientation, np.array)(stored))
+    np.testing.assert_array_equal(read_image(tmp_path / "a.png", upright=False), stored)
+    assert turned.size == image.shape[1::-1]
+    v, u = np.mgrid[: turned.height, : turned.width].reshape(2, -1)
+    sensor_v, sensor_u = image[v, u, :2].astype(float).T
+    expected = camera.rays(np.column_stack([sensor_u, sensor_v]))[:, :2]
+    # the axes of the upright image, along its borders, in those of the sensor
+    right, down = (image[row, column, 1::-1].astype(float) - image[0, 0, 1::-1] for row, column in ((0, -1), (-1, 0)))
+    axes = np.sign([right, down])
+    np.testing.assert_allclose(turned.rays(np.column_stack([u, v]))[:, :2], expected @ axes.T, atol=1e-9)
+    with pytest.raises(CameraError, match="with a pose is not turned"):
+        DASHCAM.turned(orientation)
+
+
+@pytest.mark.parametrize("fov_deg", [100, 175])
+def test_a_fisheye_lens_sees_points_up_to_its_border(fov_deg):
+    focal_px = 640 / np.radians(fov_deg / 2)
+    matrix = np.array([[focal_px, 0, 639.5], [0, focal_px, 359.5], [0, 0, 1]])
+    camera = Camera(1280, 720, matrix, np.zeros(4), CameraPose(1.3, pitch_rad=0.05))
+    assert camera.hfov_deg == pytest.approx(fov_deg, abs=0.1)
+    road_m = np.array([[1.0, 2.0], [4.0, -3.0], [30.0, 1.8]])
+    np.testing.assert_allclose(camera.pixels_to_road(camera.road_to_pixels(road_m)), road_m, rtol=1e-6)
+    image = np.zeros((720, 1280, 3), np.uint8)
+    line = camera.distort_points(np.column_stack([np.linspace(400, 900, 60), np.linspace(300, 500, 60)]))
+    cv2.polylines(image, [line.round().astype(np.int32)], False, (255, 255, 255), 3)
+    v, u = undistort(image, camera)[..., 0].nonzero()
+    assert np.abs(v - np.polyval(np.polyfit(u, v, 1), u)).max() < 5  # half its width, rounded

@@ -1,6 +1,7 @@
 """Corner detection: complete and partial boards against their true corners, and pictures without a board."""
 
 import json
+import time
 
 import cv2
 import numpy as np
@@ -19,6 +20,13 @@ def picture(number: int) -> tuple[np.ndarray, np.ndarray]:
     """A rendered picture of a board, and its true corners (54, 2)."""
     name = f"calibration{number}.jpg"
     return read_image(BOARDS / name), np.array(TRUTH[name]["corners_px"])
+
+
+def seen_within(seconds: float, image: np.ndarray) -> Board | None:
+    began_s = time.process_time()
+    board = find_board(image)
+    assert time.process_time() - began_s < seconds
+    return board
 
 
 def errors_px(board: Board, true_px: np.ndarray) -> np.ndarray:
@@ -133,3 +141,19 @@ def test_other_patterns_are_found_and_larger_ones_only_in_part():
 def test_object_points_are_in_the_order_of_the_corners():
     board = Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10))
     assert board.object_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]
+
+
+@pytest.mark.parametrize("number", [2, 8, 11, 17])
+def test_a_pattern_with_fewer_rows_gives_no_grid_that_skips_one(number):
+    image, true_px = picture(number)
+    for pattern in ((8, 6), (9, 5), (7, 6)):
+        board = find_board(image, pattern)
+        assert board is None or is_a_grid_of(board, true_px), pattern
+
+
+@pytest.mark.parametrize("squares_px", [1, 2, 3])
+def test_textures_take_seconds_only(squares_px):
+    """A texture of single pixels took a minute, and a tall narrow image two."""
+    texture = (np.indices((1200, 1600)) // squares_px).sum(axis=0) % 2 * 255
+    assert seen_within(8.0, np.repeat(texture[..., None], 3, axis=2).astype(np.uint8)) is None
+    assert seen_within(2.0, np.random.default_rng(0).integers(0, 256, (20_000, 60, 3), np.uint8)) is None

@@ -191,7 +191,11 @@ MISUSE = {
     "no source": (2, "SOURCE", ANNOTATE),
     "two lenses": (2, "not allowed with", f"{ANNOTATE} --hfov 60 {{drive}}/drive.mp4"),
     "no chessboard": (2, "no chessboard", "annotate --boards {drive}/sky {drive}/drive.mp4"),
-    "boards in a file": (2, "this is not a JPEG", "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4"),
+    "boards in a file": (
+        2,
+        "drive.mp4 at 0.00 s: no chessboard",
+        "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4",
+    ),
     "no road": (1, "sky.png: only 0 of 1", "annotate --hfov 60 {drive}/sky"),
     "not a number": (2, "wide does not do", "annotate --hfov wide {drive}/drive.mp4"),
     "not finite": (2, "nan does not do", f"{ANNOTATE} {{drive}}/drive.mp4 --start nan"),

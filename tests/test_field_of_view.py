@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from lanes.field_of_view import find_field_of_view, read_hfov
+from lanes.field_of_view import FieldOfView, find_field_of_view, read_hfov
+from lanes.images import read_image
 
 EXIF_BLOCK = 0x8769
 
@@ -17,6 +18,7 @@ def photo(path: Path, size: tuple[int, int] = (640, 360), **entries: object) -> 
     numbers = {"focal_mm": 0x920A, "focal_35mm": 0xA405, "plane": 0xA20E, "unit": 0xA210, "stored": 0xA002}
     exif = Image.Exif()
     exif[0x010F] = "maker"
+    exif[0x0112] = entries.pop("orientation", 1)
     exif.get_ifd(EXIF_BLOCK).update({numbers[name]: value for name, value in entries.items()})
     Image.new("RGB", size, (90, 90, 90)).save(path, exif=exif)
     return path
@@ -39,6 +41,18 @@ class TestExif:
     def test_the_focal_length_becomes_an_angle(self, tmp_path, size, entries, hfov_deg):
         assert read_hfov(photo(tmp_path / "a.jpg", size, **entries)) == pytest.approx(hfov_deg, abs=0.1)
 
+    @pytest.mark.parametrize("orientation", range(1, 9))
+    @pytest.mark.parametrize(
+        "entries",
+        [{"focal_35mm": 26}, {"focal_mm": 26, "plane": 640 / 37.72 * 25.4, "unit": 2, "stored": 640}],
+    )
+    def test_the_image_is_upright(self, tmp_path, orientation, entries):
+        """A phone that is held upright sees less to the sides: 26 mm is 71 degrees lying, 43.7 degrees standing."""
+        path = photo(tmp_path / "a.jpg", orientation=orientation, **entries)
+        lying = read_image(path).shape[1] == 640
+        assert lying == (orientation <= 4)
+        assert read_hfov(path) == pytest.approx(71.9 if lying else 44.4, abs=0.1)
+
     @pytest.mark.parametrize(
         "entries",
         [{}, {"focal_mm": 4.2}, {"focal_35mm": 0}, {"focal_35mm": 4000}, {"focal_mm": 4, "plane": 100.0, "unit": 9}],
@@ -60,3 +74,9 @@ class TestExif:
         found = find_field_of_view([photo(tmp_path / "a.jpg")])
         assert (found.hfov_deg, found.assumed) == (60.0, True)
         assert "assumed" in found.describe() and "1.5 times too strong" in found.describe()
+
+
+@pytest.mark.parametrize(("size", "hfov_deg"), [((1280, 720), 60.0), ((720, 720), 60.0), ((720, 1280), 36.0)])
+def test_an_assumed_field_of_view_is_that_of_the_longer_side(size, hfov_deg):
+    assert FieldOfView(60.0, "", assumed=True).across(size) == pytest.approx(hfov_deg, abs=0.05)
+    assert FieldOfView(50.0, "as given").across(size) == 50.0

@@ -7,6 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from PIL import Image
 
 from classic import threshold
 from classic.overlay import draw_lane_between
@@ -91,6 +92,23 @@ def test_data_after_the_end_of_a_jpeg_are_ignored(tmp_path, picture):
     path = write_image(tmp_path / "a.jpg", picture)
     path.write_bytes(path.read_bytes() + b"maker's own data\0\0")
     assert read_image(path).shape == picture.shape
+
+
+@pytest.mark.parametrize("progressive", [False, True])
+def test_a_jpeg_without_its_end_marker_is_read(tmp_path, progressive):
+    noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
+    Image.fromarray(noisy).save(tmp_path / "a.jpg", progressive=progressive)
+    whole = read_image(tmp_path / "a.jpg")
+    (tmp_path / "a.jpg").write_bytes((tmp_path / "a.jpg").read_bytes()[:-2])
+    np.testing.assert_array_equal(read_image(tmp_path / "a.jpg"), whole)
+
+
+@pytest.mark.parametrize("suffix", ["webp", "png", "tif"])
+def test_files_of_several_images_are_refused(tmp_path, suffix):
+    pages = [Image.new("RGB", (32, 24), (80 * n, 0, 0)) for n in range(3)]
+    pages[0].save(tmp_path / f"a.{suffix}", save_all=True, append_images=pages[1:])
+    with pytest.raises(PictureError, match=rf"a\.{suffix}: holds 3 images; save the one to use alone, or convert all"):
+        read_image(tmp_path / f"a.{suffix}")
 
 
 HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99)

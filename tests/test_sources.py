@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
+from PIL import Image
 
 from lanes.errors import PictureError, VideoError
-from lanes.images import write_image
+from lanes.images import read_image, write_image
 from lanes.sources import find_sources, require_distinct_outputs, sample_images
+from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 
 
@@ -28,6 +31,34 @@ def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     with pytest.raises(FileNotFoundError, match="empty: holds neither"):
         find_sources(["empty"])
+
+
+def test_the_content_decides_what_a_file_is(tmp_path):
+    """Also where the name says nothing or something else; what is neither is skipped in a folder, and named."""
+    gray = Image.new("L", (64, 36), 90)
+    for name in ("a.jfif", "b.jpe", "c.avif", "d"):
+        gray.save(tmp_path / name, format="AVIF" if name == "c.avif" else "JPEG")
+    videos = {"e.m2ts": "mpegts", "f.h264": "h264", "g.3gp": "mp4", "h.wmv": "asf", "i.flv": "flv", "j.mxf": "mxf"}
+    for name, container in (videos | {"k.jpg": "mp4", "l": "matroska", "m.gif": "gif"}).items():
+        codec = {"asf": "wmv2", "mxf": "mpeg2video", "gif": "gif"}.get(container, "libx264")
+        pixels = "rgb8" if container == "gif" else "yuv420p"
+        with av.open(str(tmp_path / name), "w", format=container) as file:
+            stream = file.add_stream(codec, rate=25)
+            stream.width, stream.height, stream.pix_fmt = 64, 64, pixels
+            for number in range(5):
+                frame = av.VideoFrame.from_ndarray(np.full((64, 64, 3), 40 * number, np.uint8))
+                file.mux(stream.encode(frame.reformat(format=pixels)))
+            file.mux(stream.encode(None))
+    (tmp_path / "notes.txt").write_text("notes")
+    (tmp_path / "camera.yaml").write_text("image_width: 640")
+    found = find_sources([str(tmp_path)])
+    assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d"]
+    assert [path.name for path in found.videos] == [*videos, "k.jpg", "l", "m.gif"]
+    assert [path.name for path in found.skipped] == ["camera.yaml", "notes.txt"]
+    for still in found.stills:
+        assert np.abs(read_image(still).astype(int) - 90).max() < 4
+    for video in found.videos:
+        assert len(list(read_video(video))) == 5
 
 
 def test_outputs_that_overwrite_an_input_or_another_output_are_rejected(tmp_path):

@@ -180,10 +180,10 @@ class LaneTracker:
         PictureError
             If the image is not RGB or not of the camera's size.
         LaneError
-            If `elapsed_s` is not a finite number.
+            If `elapsed_s` is not a number.
         """
         s = self.settings
-        elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s")
+        elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s", finite=False)
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
         self._frames += 1

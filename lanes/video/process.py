@@ -22,7 +22,7 @@ import numpy as np
 from tqdm import tqdm
 
 from lanes.errors import PictureError, VideoError
-from lanes.files import TelemetryWriter
+from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.video.reader import VideoInfo, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
 
@@ -76,7 +76,9 @@ def process_video(
         If `source` cannot be used, `function` refuses a frame or returns no RGB image, or an output cannot be written.
     """
     info = info or inspect_video(source)
-    if Path(target).exists() and os.path.samefile(source, target):
+    with translate_write_errors(Path(target)):
+        same = Path(target).exists() and os.path.samefile(source, target)
+    if same:
         raise VideoError(f"{target}: is the source itself; write the output under another name.")
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import json
 import random
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -19,9 +21,11 @@ from lanes.video.reader import inspect_video
 from simulator.rendering import video
 from simulator.scenes.motorway import project_video
 from tests.end_to_end.test_commands import names
+from tests.support import command_line
 from tests.support.clips import write_drive
 from tests.support.command_line import popen, run, start
 from tests.support.painted_drive import BENDS
+from tests.support.project import ROOT
 
 FRAMES = 40
 
@@ -71,16 +75,16 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
     moments = random.Random(int(number))
     command = [sys.executable, "-c", WRITES, str(tmp_path)]
     waiting = [popen([*command, "999999"]) for _ in range(2)]
-    for process in waiting:
-        assert process.stdout.readline() == "ready\n"
+    for child in waiting:
+        assert child.stdout.readline() == "ready\n"
         time.sleep(moments.uniform(0.05, 0.5))
-        process.send_signal(number)
-        process.communicate(timeout=30)
+        child.send_signal(number)
+        child.communicate(timeout=30)
         require_whole(tmp_path)
     # The next run removes the partial files.
-    with popen([*command, "1"]) as process:
-        _, err = process.communicate(timeout=60)
-    assert process.returncode == 0, err
+    with popen([*command, "1"]) as child:
+        _, err = child.communicate(timeout=60)
+    assert child.returncode == 0, err
     assert names(tmp_path) == NAMES
     require_whole(tmp_path)
 
@@ -161,3 +165,20 @@ def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
     with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(the encoder wrote fewer than 4 frames"):
         video.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
     assert not (tmp_path / "a.mp4").exists()
+
+
+@pytest.mark.parametrize("output", ["/dev/full", "closed pipe"])
+def test_files_are_written_although_nobody_can_read_the_words(tmp_path, output):
+    """A full disk behind `>`, and `| head` that has read enough; the exit status is that of the files."""
+    words = ["calibrate", ROOT / "camera_cal", "-o", tmp_path / "lens.yaml", "--sheet", tmp_path / "sheet.png"]
+    full = Path(output).open("w") if output == "/dev/full" else None  # noqa: SIM115 - closed below
+    with full or nullcontext():
+        child = subprocess.Popen(
+            command_line.process(*words), cwd=ROOT, stdout=full or subprocess.PIPE, stderr=subprocess.PIPE
+        )
+    if child.stdout:
+        child.stdout.close()
+    with child:
+        err = child.stderr.read().decode()
+    assert (child.wait(), err) == (0, "calibrate: 20 of 20\n")
+    assert {path.name for path in tmp_path.iterdir()} == {"lens.yaml", "sheet.png"}

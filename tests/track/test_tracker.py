@@ -276,13 +276,14 @@ def test_numbers_of_any_kind_are_taken(number):
 
 @pytest.mark.parametrize("wrong", [0, -25, np.nan, np.inf, "25", None, True, [25]])
 def test_a_wrong_frame_rate_raises(wrong):
-    with pytest.raises(LaneError, match=r"(more than 0 frames a second|fps must be a number); got .*\.$"):
+    with pytest.raises(LaneError, match=r"fps must be a positive number; got .*\.$"):
         LaneTracker(SMALL, fps=wrong)
 
 
 def test_other_wrong_arguments_raise():
-    with pytest.raises(LaneError, match=r"speed_mps must be a number; got 'fast'\.$"):
-        LaneTracker(SMALL, speed_mps="fast")
+    for wrong in ("fast", np.nan, np.inf):
+        with pytest.raises(LaneError, match=rf"speed_mps must be a finite number; got {wrong!r}\.$"):
+            LaneTracker(SMALL, speed_mps=wrong)
     with pytest.raises(LaneError, match=r"elapsed_s must be a number; got '0.04'\.$"):
         LaneTracker(SMALL).update(DRIVE.frame(0.0), elapsed_s="0.04")
     with pytest.raises(PictureError, match="calibrated for 640x360"):

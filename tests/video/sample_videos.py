@@ -39,6 +39,7 @@ def encode(
     fps=25,
     options: dict[str, str] | None = None,
     sound: str | None = None,
+    aspect: Fraction | None = None,
     **audio,
 ) -> Path:
     """RGB images as a video, written with PyAV instead of the tested code; `audio` may have a rate and a layout."""
@@ -49,6 +50,8 @@ def encode(
         stream = container.add_stream(codec, rate=Fraction(fps), options=options or {})
         stream.height, stream.width = images[0].shape[:2]
         stream.pix_fmt = pixels
+        if aspect:
+            stream.codec_context.sample_aspect_ratio = aspect
         if pixels == "yuvj420p":
             stream.codec_context.color_range = 2
         track = container.add_stream(sound, **{"rate": 48000, "layout": "mono"} | audio) if sound else None

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import subprocess
 import sys
 import threading
 from contextlib import nullcontext
+from fractions import Fraction
 
 import av
 import numpy as np
 import pytest
 
 from lanes.camera import Camera, undistort
-from lanes.errors import PictureError, VideoError
+from lanes.errors import LaneError, PictureError, VideoError
 from lanes.video.process import process_video
 from lanes.video.writer import VideoWriter
 from tests.support.project import ROOT
-from tests.video.sample_videos import unchanged
+from tests.video.sample_videos import numbered, unchanged
 
 
 @pytest.fixture
@@ -119,7 +121,43 @@ def test_unusable_names(video, tmp_path):
     assert video.read_bytes() == before
 
 
-@pytest.mark.parametrize("name", ["file/out.mp4", "long" * 62 + "out.mp4"])
+@pytest.mark.parametrize("length", [100, 238, 251])
+def test_names_may_be_as_long_as_the_file_system_allows(video, tmp_path, length):
+    stem = "\u00e4" * (length // 2 - 8) + "x" * (16 + length % 2)
+    process_video(video, tmp_path / f"{stem}.mp4", unchanged, progress=False, telemetry=tmp_path / f"{stem}.csv")
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{stem}.csv", f"{stem}.mp4"]
+    assert len(f"{stem}.mp4".encode()) == length + 4
+
+
+@pytest.mark.parametrize(
+    ("fps", "time_s", "words"),
+    [
+        (np.float32(25), None, None),
+        (Fraction(30000, 1001), Fraction(1, 25), None),
+        (np.int64(25), np.float32(0.04), None),
+        (0, None, "fps must be a positive number; got 0"),
+        (np.nan, None, "fps must be a positive number; got nan"),
+        (np.inf, None, "fps must be a positive number; got inf"),
+        (0.01, None, "0.01 frames a second cannot be written; give 0.1 to 1000"),
+        ("25", None, "fps must be a positive number; got '25'"),
+        (25, np.nan, "time_s must be a finite number; got nan"),
+    ],
+)
+def test_numbers_of_every_kind(tmp_path, fps, time_s, words):
+    def write():
+        with VideoWriter(tmp_path / "a.mp4", fps=fps) as writer:
+            writer.write(numbered(0), time_s)
+        return writer.written
+
+    if words is None:
+        assert write().fps == pytest.approx(float(fps), rel=1e-4)
+    else:
+        with pytest.raises(LaneError, match=re.escape(words)):
+            write()
+        assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["file/out.mp4", "long" * 62 + "longout.mp4"])
 def test_unwritable_outputs_are_reported_before_processing(video, tmp_path, name):
     (tmp_path / "file").write_text("not a folder")
     with pytest.raises(OSError, match=r"out\.mp4: cannot be written"):

@@ -12,6 +12,7 @@ import pytest
 from lanes.errors import VideoError
 from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_timed_frames, read_video
+from lanes.video.writer import VideoWriter
 from tests.video.sample_videos import (
     NTSC,
     SIZE,
@@ -150,3 +151,54 @@ def test_rotated_camera(tmp_path, degrees):
     assert (info.height, info.width) == marked.shape[:2] == ((160, 96) if degrees % 180 else (96, 160))
     top = {90: marked[:, -20:], 180: marked[-20:], 270: marked[:, :20]}[degrees]
     np.testing.assert_allclose(top.mean(axis=(0, 1)), YELLOW, atol=6)
+
+
+@pytest.mark.parametrize(
+    ("aspect", "degrees", "size"),
+    [((4, 3), None, (213, 96)), ((16, 11), None, (233, 96)), ((8, 9), None, (160, 108)), ((4, 3), 90, (96, 213))],
+)
+def test_pixels_are_square(tmp_path, aspect, degrees, size):
+    """Anamorphic video of DV and HDV cameras: a square in the world is a square in the image, also in the output."""
+    path = make_video(tmp_path / "a.mp4", 5, aspect=Fraction(*aspect))
+    if degrees:
+        set_rotation(path, tmp_path / "b.mp4", degrees)
+        path = tmp_path / "b.mp4"
+    info = inspect_video(path)
+    assert (info.width, info.height) == size
+    assert {image.shape[1::-1] for image in read_video(path)} == {size}
+    written = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert (written.width, written.height) == (size[0] + size[0] % 2, size[1] + size[1] % 2)
+
+
+@pytest.mark.parametrize("start_s", [0.5, 3.0, 5.0])
+def test_frames_of_a_variable_rate_have_their_true_numbers(tmp_path, start_s):
+    """Also after a seek: 20 frames a second for three seconds, then five."""
+    times_s = np.concatenate([np.arange(60) / 20, 3 + np.arange(20) / 5])
+    with VideoWriter(tmp_path / "a.mp4", fps=20) as writer:
+        for number, time_s in enumerate(times_s):
+            writer.write(numbered(number), time_s)
+    frames = list(read_timed_frames(tmp_path / "a.mp4", start_s=start_s))
+    numbers = [frame.number for frame in frames]
+    assert numbers == list(range(np.searchsorted(times_s, start_s - 1e-6), 80)) == [number_of(f.image) for f in frames]
+    np.testing.assert_allclose([frame.time_s for frame in frames], times_s[numbers], atol=1e-3)
+
+
+@pytest.mark.parametrize("matrix", [8, 10, 14])
+def test_colours_that_cannot_be_converted_are_named(tmp_path, matrix):
+    """YCgCo, BT.2020 with constant luminance, ICtCp: converted, or refused with file, fault and remedy."""
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"x264-params": f"colormatrix={NAMES[matrix]}"})
+        stream.width, stream.height, stream.pix_fmt = 160, 96, "yuv420p"
+        for number in range(5):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(numbered(number)).reformat(format="yuv420p")))
+        container.mux(stream.encode(None))
+    assert inspect_video(path).frames == 5
+    try:
+        assert [number_of(image) for image in read_video(path)] == list(range(5))
+    except VideoError as error:
+        assert str(error).startswith(f"{path}: its colours cannot be converted to RGB (matrix {matrix} of ")
+        assert str(error).endswith("export it with the colours of BT.709.")
+
+
+NAMES = {8: "YCgCo", 10: "bt2020c", 14: "ICtCp"}
