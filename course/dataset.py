@@ -19,7 +19,7 @@ from benchmark.labels.tusimple import LaneColumns, read_labels
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera, camera_from_dict
 from lanes.files import read_telemetry, read_text
-from lanes.images import list_pictures
+from lanes.sources import find_sources
 
 Part = TypeVar("Part")
 
@@ -43,12 +43,12 @@ class Dataset:
     @property
     def board_files(self) -> list[Path]:
         """The chessboard pictures in natural order."""
-        return list_pictures(self.boards)
+        return list(find_sources([str(self.boards)]).stills)
 
     @property
     def stills(self) -> list[Path]:
         """The test pictures in natural order."""
-        return list_pictures(self.root / "test_images")
+        return list(find_sources([str(self.root / "test_images")]).stills)
 
     def still(self, name: str) -> Path:
         """The test picture called `name` (without suffix).

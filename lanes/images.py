@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from lanes.errors import PictureError
-from lanes.files import list_files, require_file, write_atomically
+from lanes.files import require_file, write_atomically
 
 _WRITABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 _QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", ".jpeg"), cv2.IMWRITE_JPEG_QUALITY)
@@ -161,14 +161,6 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
         raise PictureError(f"{path}: the image of shape {image.shape} could not be encoded as {path.suffix}.")
     write_atomically(path, data.tobytes())
     return path
-
-
-def list_pictures(folder: str | Path) -> list[Path]:
-    """The picture files of a folder in natural order (board2 before board10); FileNotFoundError if there are none."""
-    found = [path for path in list_files(folder) if kind_of_file(path) == "picture"]
-    if not found:
-        raise FileNotFoundError(f"{folder}: holds no picture (JPEG or PNG, for instance); name another folder.")
-    return sorted(found, key=natural_key)
 
 
 def natural_key(path: Path) -> list:

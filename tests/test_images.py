@@ -17,7 +17,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.draw import draw_lane
 from lanes.errors import PictureError
 from lanes.explain import explain
-from lanes.images import list_pictures, read_image, require_rgb, write_image
+from lanes.images import read_image, require_rgb, write_image
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from lanes.video.reader import ColourTags, read_video
@@ -125,20 +125,6 @@ def test_heic_files_are_refused_with_a_remedy(tmp_path, name):
 def test_other_formats_are_not_written(tmp_path, picture, name):
     with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
         write_image(tmp_path / name, picture)
-
-
-def test_pictures_are_listed_in_natural_order_without_partial_files(tmp_path, picture):
-    for name in ("board10.png", "board2.PNG", "board1.jpeg", "notes.txt", "._board1.png"):
-        (tmp_path / name).touch()
-    (tmp_path / "board3.partial.0123456789ab.png").touch()
-    (tmp_path / "folder.jpg").mkdir()
-    assert [p.name for p in list_pictures(tmp_path)] == ["board1.jpeg", "board2.PNG", "board10.png"]
-    (tmp_path / "board².png").touch()  # a digit that is no number
-    assert [p.name for p in list_pictures(tmp_path)][-1] == "board².png"
-    with pytest.raises(FileNotFoundError, match=r"folder\.jpg: holds no picture"):
-        list_pictures(tmp_path / "folder.jpg")
-    with pytest.raises(FileNotFoundError, match="nowhere: there is no such folder"):
-        list_pictures(tmp_path / "nowhere")
 
 
 def written(image: np.ndarray, folder: Path) -> np.ndarray:

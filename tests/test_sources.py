@@ -17,7 +17,7 @@ from lanes.video.writer import VideoWriter
 
 
 def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
-    videos, stills = ("d10.mp4", "d2.MOV", "[1].avi", "more/x.mkv"), ("b.jpg", "c.WebP", "d.tif", "e.HEIC")
+    videos, stills = ("d10.mp4", "d2.MOV", "[1].avi", "more/x.mkv"), ("b.jpg", "b².jpg", "c.WebP", "d.tif", "e.HEIC")
     for name in (*videos, *stills, "notes.txt", ".hidden.mp4", "d.partial.7.mp4"):
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).touch()
