@@ -144,18 +144,11 @@ def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namesp
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
     from benchmark.labels import stills
     from benchmark.systems import STILL_SYSTEMS
-    from lanes.errors import PoseError
 
     systems, scored = options.system or STILL_SYSTEMS, []
     for name, some in (stills.split_folders(labels) if options.each_folder else {"": labels}).items():
         options.files = [options.labels.parent / label.name for label in some]
-        try:
-            folder = stills.score_folder(some, options.files, find_lens(options), systems, progress_line)
-        except PoseError as error:
-            if not options.each_folder:
-                raise
-            print(f"{name}: left out, {len(some)} stills ({error})")
-            continue
+        folder = stills.score_folder(some, options.files, find_lens(options), systems, progress_line)
         scored.append(folder)
         checks = stills.summarize_checks(folder.checks)
         print(f"{name}: {len(some)} stills; {checks}" if name else folder.describe_pose())

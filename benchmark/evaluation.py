@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark.estimates import DriveEstimates
 from benchmark.own_finder import OwnFinder
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import require_system, start_system
 from lanes.camera import Camera, load_camera
-from lanes.errors import PoseError
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
 from lanes.track.tracker import TrackerSettings
@@ -25,10 +24,10 @@ from lanes.video.reader import inspect_video, read_timed_frames
 
 @dataclass(frozen=True)
 class PreparedDrive:
-    """A drive with a video, and the camera for the systems (None if no pose was found in the video)."""
+    """A drive with a video, and the camera for the systems with the pose, and where this is from."""
 
     drive: BenchmarkDrive
-    camera: Camera | None
+    camera: Camera
     pose: str
 
 
@@ -38,11 +37,7 @@ def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> Pre
     camera = load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true")
-    try:
-        camera = estimate_pose(video, camera).camera
-    except PoseError:
-        return PreparedDrive(drive, None, "not found")
-    return PreparedDrive(drive, camera, "estimated")
+    return PreparedDrive(drive, estimate_pose(video, camera).camera, "estimated")
 
 
 def run_system(
@@ -53,21 +48,18 @@ def run_system(
     every: int = 1,
     settings: TrackerSettings | None = None,
 ) -> DriveEstimates:
-    """Estimates of a system for each `every`-th frame of a drive before `end_s`; no lane without a pose.
+    """Estimates of a system for each `every`-th frame of a drive before `end_s`.
 
     `settings` are those of the tracker.
     """
     video = prepared.drive.require_video()
-    if prepared.camera:
-        find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every, settings=settings)
-    else:
-        find, to_estimate = (lambda image, elapsed_s: None), (lambda nothing: LaneEstimate())
+    find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every, settings=settings)
     estimates, time_ms, last = [], [], None
     for frame in islice(read_timed_frames(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()
         found = find(frame.image, last and frame.time_s - last.time_s)
         last = frame
-        time_ms.append(1000 * (time.perf_counter() - start) if prepared.camera else np.nan)
+        time_ms.append(1000 * (time.perf_counter() - start))
         estimates.append(to_estimate(found))
     return DriveEstimates.from_frames(estimates, time_ms)
 

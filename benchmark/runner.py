@@ -94,7 +94,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Twelve digits that depend on everything that the estimates depend on."""
     digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
-    camera = prepared.camera and camera_to_dict(prepared.camera)
+    camera = camera_to_dict(prepared.camera)
     digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera}".encode())
     modules = (estimates, evaluation, own_finder, systems, frames, reader)
     for source in (*(Path(inspect.getfile(module)) for module in modules), *source_files(system)):

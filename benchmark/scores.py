@@ -25,7 +25,7 @@ Row = dict[str, Any]
 class Result:
     """The errors of one system on one scene, and the conditions of the measurement.
 
-    `pose` is the source of the camera pose: "true", "estimated" or "not found". `workers` and `machine` (see
+    `pose` is the source of the camera pose: "true" or "estimated". `workers` and `machine` (see
     `describe_machine`) are the number of processes and the machine of the time measurement. `normalized` are the errors
     in stated standard deviations, None for a system that states none.
     """

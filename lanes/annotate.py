@@ -322,10 +322,10 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
             drawn = draw_lane(still.image, lane, camera, style=settings.style, evidence=detection.evidence)
             outputs.append(write_image(settings.output / still.path.name, drawn))
             table.write({"frame": len(outputs) - 1, "picture": still.path.name, **telemetry_row(lane)})
-            if settings.each and still.pose:
+            if still.pose and still.pose.still:
                 found = f"{lane.state} (confidence {lane.confidence:.2f})" if lane else LOST
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
-    pose = None if settings.each else first.pose
+    pose = None if first.pose and first.pose.still else first.pose
     if pose:
         lines.append(pose.describe())
         if pose.frames_used < pose.frames_total / 2:
@@ -365,7 +365,7 @@ def detect_stills(stills: Sequence[Path], settings: DriveSettings, failures: lis
 
 
 def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
-    """What is found in each still of one camera; raises LaneError if its pose cannot be estimated."""
+    """What is found in each still of one camera. If they show no common pose, each gets a pose of its own."""
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:
@@ -381,14 +381,19 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
     failures += [PictureError(f"{p}: is {w}x{h}, {used}") for p, (w, h) in sizes.items() if p not in usable]
     # A still that is alone stays in memory; several could fill it.
     alone = len(sizes) == 1
-    camera = settings.camera_for((width, height), usable[0])
+    began_s = time.perf_counter()
     try:
-        camera, pose = ensure_pose(camera, image if alone else usable)
+        camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), image if alone else usable)
     except PoseError as error:
-        name, hint = f"{usable[0]}: " if alone else "", SEVERAL_CAMERAS if len(usable) > 1 else ""
-        raise PoseError(f"{name}{error}{hint}") from error
+        raise PoseError(f"{usable[0]}: {error}") from error
+    if pose and not alone and pose.lane_width_m is None:
+        # The stills show no common pose: each gets its own.
+        for path in usable:
+            yield from _detect_group([path], settings, failures)
+        return
     for path in usable:
-        image, began_s = image if alone else read_image(path), time.perf_counter()
+        if not alone:
+            image, began_s = read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
         detection = pose.still if pose and pose.still else detect_still(image, camera)
         yield StillResult(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))

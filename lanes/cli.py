@@ -23,17 +23,17 @@ from lanes.calibration import (
     find_boards,
     list_board_pictures,
 )
-from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
-from lanes.errors import LaneError, PictureError, PoseError
+from lanes.errors import LaneError, PictureError
 from lanes.explain import explain
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.many import annotate_many
-from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, PRIOR_HEIGHT_M, ensure_pose, estimate_pose
+from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M
 from lanes.video.reader import read_video
@@ -264,15 +264,13 @@ class Explain:
             image = read_image(file)
         else:
             raise PictureError(f"{file}: is a single picture, which has no frame at {options.at:g} s; omit --at.")
-        camera, estimate, pose_failure = find_lens(options), None, ""
-        try:
-            camera, estimate = ensure_pose(camera, options.files, progress=progress_line("pose"))
-            if estimate:
-                print(estimate.describe())
-        except PoseError as error:
-            camera, pose_failure = camera.with_pose(CameraPose(PRIOR_HEIGHT_M)), str(error)
-        detection = estimate.still if estimate and options.at is None else None
-        explanation = explain(image, camera, detection=detection, pose_failure=pose_failure)
+        camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"))
+        detection, pose_doubt = None, ""
+        if estimate:
+            print(estimate.describe())
+            detection = estimate.still if options.at is None else None
+            pose_doubt = estimate.notes[0] if estimate.lane_width_m is None else ""
+        explanation = explain(image, camera, detection=detection, pose_doubt=pose_doubt)
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")

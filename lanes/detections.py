@@ -60,7 +60,7 @@ def detect_in_stills(
     """Find the lane in each still independently, as `detect_in_video`; errors of unusable stills go to `failures`."""
     said = None
     for still in detect_stills(stills, settings, failures):
-        if settings.each and still.pose:
+        if still.pose and still.pose.still:
             print(f"{still.path}: {still.pose.summary_line()}{settings.describe_lens(still.path)}")
         elif still.pose and still.pose is not said:
             said = still.pose

@@ -22,6 +22,10 @@ from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
 
+OTHER_PICTURES = (
+    "Give pictures of this drive that show both lines of the lane by day, a part of it (--start, --end), the field of "
+    "view (--hfov), or a camera file with the pose."
+)
 RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
 
@@ -98,7 +102,7 @@ class Explanation:
 
 
 def explain(
-    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_failure: str = ""
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_doubt: str = ""
 ) -> Explanation:
     """Every step of the lane detection in a raw RGB image, with its result in words.
 
@@ -108,8 +112,8 @@ def explain(
     ----------
     detection : StillDetection, optional
         What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
-    pose_failure : str
-        Why the pose of `camera` is only assumed; empty if the pose is known. Later steps are then left out.
+    pose_doubt : str
+        Why the pose of `camera` is uncertain; empty if it is not. It is the failed step if no lane is found.
 
     Raises
     ------
@@ -121,15 +125,13 @@ def explain(
     image, pose = camera.require_size(image), camera.require_pose().describe()
     steps = [
         Step("picture", f"{camera.width}x{camera.height} px, mean brightness {image.mean():.0f} of 255"),
-        Step("pose", f"assumed, {pose}", pose_failure, RE_ESTIMATE_POSE) if pose_failure else Step("pose", pose),
+        Step("pose", pose, pose_doubt, OTHER_PICTURES if pose_doubt else ""),
     ]
     try:
         detection = detection or detect_still(image, camera)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
         return Explanation(image, camera, _up_to_failure([*steps, failed]))
-    if pose_failure:
-        return Explanation(image, camera, tuple(steps), StillDetection(detection.evidence))
     evidence, search, lane = detection.evidence, detection.search, detection.lane
     steps += [_check_birdseye(evidence), _check_markings(evidence), _check_stripes(evidence)]
     if search is None:

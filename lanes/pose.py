@@ -3,8 +3,8 @@
 Parallel lines on a flat road meet in a vanishing point on the horizon (`lanes.vanishing_point`). Its row gives the
 pitch. Its column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width
 in metres, divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one
-side give the roll. For one image with too few lane lines the angles come from all its edges, and the height is the
-usual one.
+side give the roll. If too few images show two lines that are a lane apart, the angles come from all their edges, and
+the height is the usual one: no drive is refused, and the confidence of its lanes says the rest.
 """
 
 from __future__ import annotations
@@ -53,6 +53,8 @@ PITCH_MOTION_STD_RAD, HEADING_STD_RAD = np.radians(0.3), np.radians(1.0)
 MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
 # At most: scatter of the road direction between images, and its median angle to the optical axis.
 MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
+# Images of a drive without a pose from lane lines that are searched with several heights, in half a second each.
+LANES_FOR_HEIGHT = 6
 # Images are resized to this width: the pixel limits of `lanes.vanishing_point` are for it, and more pixels do not show
 # more stripes.
 WORKING_WIDTH_PX = 1280
@@ -179,8 +181,7 @@ def estimate_pose(
     Raises
     ------
     PoseError
-        If too few images show two parallel lines, the images disagree, or no lane of plausible width is visible, and if
-        the edges of a single image do not converge ahead either. If the given lane width or height is not plausible.
+        If there are no images, or too small ones. If the given lane width or height is not plausible.
     FileNotFoundError, PictureError, VideoError
         If a file cannot be read, or an image is not of the camera's size.
     CameraError
@@ -196,19 +197,16 @@ def estimate_pose(
     first = list(islice(images, 1))
     try:
         resized, resized_camera = _resize(chain(first, images), camera)
-        try:
-            estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
-        except PoseError as error:
-            if len(resized) > 1:
-                raise
-            estimate = _pose_from_edges(resized[0], resized_camera, height_m, error)
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
-    camera = camera.with_pose(estimate.pose)
+    try:
+        estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
+    except PoseError as error:
+        estimate = _pose_from_edges(resized, resized_camera, height_m, error)
     if estimate.frames_total > 1:
-        return replace(estimate, camera=camera)
+        return replace(estimate, camera=camera.with_pose(estimate.pose))
     height_log_std = estimate.height_std_m / estimate.pose.height_m
-    still = detect_with_own_pose(first[0], camera, height_log_std)
+    still = detect_with_own_pose(first[0], camera.with_pose(estimate.pose), height_log_std)
     height_std_m = height_log_std * still.camera.require_pose().height_m
     return replace(estimate, camera=still.camera, height_std_m=height_std_m, still=still)
 
@@ -251,26 +249,34 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     return resized, resized_camera
 
 
-def _pose_from_edges(image: np.ndarray, camera: Camera, height_m: float | None, no_lines: PoseError) -> PoseEstimate:
-    """The pose of one image without parallel lane lines: angles from all its edges, height and roll assumed."""
-    direction = find_edge_direction(image, camera)
-    if direction is None:
-        raise PoseError(f"{no_lines} No other edges converge ahead, so no road is recognised.") from no_lines
-    (pitch_rad, pitch_std_rad), (yaw_rad, yaw_std_rad) = direction
-    return PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, pitch_rad, yaw_rad)),
+def _pose_from_edges(
+    images: list[np.ndarray], camera: Camera, height_m: float | None, no_lines: PoseError
+) -> PoseEstimate:
+    """The pose of images without parallel lane lines: angles from all their edges, height and roll assumed."""
+    pitch, yaw = find_edge_direction(images, camera, MAX_INDEPENDENT_IMAGES)
+    estimate = PoseEstimate(
+        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, pitch[0], yaw[0])),
         height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
-        pitch_std_rad=pitch_std_rad,
-        yaw_std_rad=yaw_std_rad,
+        pitch_std_rad=pitch[1],
+        yaw_std_rad=yaw[1],
         roll_std_rad=PRIOR_ROLL_STD_RAD,
-        frames_used=1,
-        frames_total=1,
+        frames_used=len(images),
+        frames_total=len(images),
         lane_width_m=None,
-        notes=(
-            "one picture without two lane lines that show the pose: pitch and yaw are from the vanishing point of all "
-            "its edges; height and roll are assumed",
-        ),
+        notes=(f"{no_lines} Pitch and yaw are from the vanishing point of all edges; height and roll are assumed.",),
     )
+    return estimate if height_m or len(images) == 1 else _with_height_of_lanes(estimate, images)
+
+
+def _with_height_of_lanes(estimate: PoseEstimate, images: list[np.ndarray]) -> PoseEstimate:
+    """The estimate with the height that shows the surest lane in one of some images, each looked at alone."""
+    log_std = estimate.height_std_m / estimate.pose.height_m
+    some = images[:: -(-len(images) // LANES_FOR_HEIGHT)]
+    found = [detect_with_own_pose(image, estimate.camera, log_std) for image in some]
+    best = max(found, key=lambda still: still.lane.confidence if still.lane else 0.0)
+    height_m = best.camera.require_pose().height_m
+    pose = replace(estimate.pose, height_m=height_m)
+    return replace(estimate, camera=estimate.camera.with_pose(pose), height_std_m=log_std * height_m)
 
 
 def _pose_from_lines(

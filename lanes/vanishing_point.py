@@ -335,31 +335,26 @@ PITCH_GRID_RAD, YAW_GRID_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radia
 DIRECTION_STD_RAD, END_STD = np.radians(1.0), 0.0015
 # An edge has a vote for each of these lengths, in ray coordinates, up to four.
 VOTE_LENGTH = 0.05
-# A road is recognised if the votes for its direction, times the prior, are at least this share of all votes, and this
-# many times the square root of all votes. Roads have 0.15 to 0.7 and 1.3 to 7, other images both in few cases.
-MIN_SHARE, MIN_ROOT = 0.15, 1.3
 
 
-def find_edge_direction(image: np.ndarray, camera: Camera) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """Pitch and yaw of a camera, each with its standard deviation, radians, from all edges of one RGB image.
+def find_edge_direction(
+    images: list[np.ndarray], camera: Camera, max_independent: int
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Pitch and yaw of a camera, each with its standard deviation, radians, from all edges of its RGB images.
 
-    `image` is (height, width, 3), uint8. None if its edges do not converge.
+    The images are (height, width, 3), uint8; they count as at most `max_independent` ones. Where no edges converge, the
+    result is the prior: a camera that looks ahead.
     """
-    middle, along = _find_edges(image, camera)
-    weight = np.minimum(np.hypot(*along.T) / VOTE_LENGTH, 4.0)
-    votes = _vote(middle, along, weight)
+    votes = np.zeros((len(PITCH_GRID_RAD), len(YAW_GRID_RAD)))
+    for image in images:
+        middle, along = _find_edges(image, camera)
+        votes += _vote(middle, along, np.minimum(np.hypot(*along.T) / VOTE_LENGTH, 4.0))
     pitch_penalty = 0.5 * (PITCH_GRID_RAD / PRIOR_PITCH_STD_RAD)[:, None] ** 2
     log_prior = -pitch_penalty - 0.5 * (YAW_GRID_RAD / PRIOR_YAW_STD_RAD) ** 2
     # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
-    log_posterior = votes / 2.0 + log_prior
-    best = np.unravel_index(log_posterior.argmax(), votes.shape)
-    posterior = np.exp(log_posterior - log_posterior[best])
-    pitch = mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1))
-    yaw = mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
-    agreeing, total = votes[best] * np.exp(log_prior[best]), weight.sum()
-    if agreeing < max(MIN_SHARE * total, MIN_ROOT * np.sqrt(total)) or pitch[1] > np.radians(4.5):
-        return None
-    return pitch, yaw
+    log_posterior = votes / 2.0 * min(1.0, max_independent / len(images)) + log_prior
+    posterior = np.exp(log_posterior - log_posterior.max())
+    return mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1)), mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
 
 
 def _find_edges(image: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:

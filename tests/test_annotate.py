@@ -13,7 +13,7 @@ from PIL import Image
 from lanes.annotate import Annotation, DriveSettings, annotate, track
 from lanes.camera import Camera, CameraPose
 from lanes.detections import detect_in_video
-from lanes.errors import CameraError, PictureError, PoseError
+from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
@@ -213,13 +213,19 @@ def test_stills_of_different_cameras_have_a_pose_each(tmp_path):
     assert re.search(r"a\.png: found .*; pose from lane lines: height .*; field of view 60.0 deg, assumed$", first)
     assert re.search(r"b\.png: found .*pitch 3\.0\d ±", second)
     write_image(tmp_path / "in" / "c.png", GREY)
-    with pytest.raises(PoseError, match=r"c\.png: .*so no road is recognised"):
-        quietly(tmp_path / "in", tmp_path / "out", None, each=True)
-    assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["a.png", "b.png"]
-    write_image(tmp_path / "in" / "d.png", GREY)
-    with pytest.raises(PoseError, match="several cameras, annotate them with --each"):
-        quietly([tmp_path / "in" / "c.png", tmp_path / "in" / "d.png"], tmp_path / "none", SMALL.with_pose(None))
-    assert names(tmp_path / "none") == set()
+    (result,) = quietly(tmp_path / "in", tmp_path / "out", None, each=True)
+    assert result.telemetry["state"].tolist() == ["found", "found", "lost"]
+
+
+def test_stills_without_a_common_pose_have_one_each(tmp_path):
+    """As with `each`, if their lines do not show one pose; none is refused."""
+    for number, image in enumerate((BENDS.frame(0), GREY, GREY, GREY, GREY, GREY)):
+        write_image(tmp_path / "in" / f"{number}.png", image)
+    (result,) = quietly(tmp_path / "in", tmp_path / "out", SMALL.with_pose(None))
+    assert result.pose is None and result.failures == ()
+    assert result.telemetry["state"].tolist() == ["found"] + ["lost"] * 5
+    assert [line.split(": ")[0].endswith(f"{k}.png") for k, line in enumerate(result.description.splitlines()[:6])]
+    assert "pose from lane lines" in result.description and "pose from all edges" in result.description
 
 
 def test_unusable_stills_do_not_stop_the_others(tmp_path):

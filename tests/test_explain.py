@@ -135,12 +135,13 @@ class TestFailures:
         explanation = explain(image, CAMERA, detection=doubtful)
         assert explanation.failed.name == "lane" and "only 10% of the camera poses" in explanation.failed.failure
 
-    def test_an_assumed_pose_is_the_failed_step(self):
-        explanation = explain(lane_road().image(), CAMERA, pose_failure="no parallel lines were seen.")
-        assert explanation.failed.name == "pose"
-        assert explanation.failed.failure == "no parallel lines were seen."
-        assert explanation.detection is not None and explanation.lane is None
+    def test_a_doubtful_pose_is_the_failed_step_where_no_lane_is_found(self):
+        doubt = {"pose_doubt": "no parallel lines were seen."}
+        explanation = explain(np.full((CAMERA.height, CAMERA.width, 3), 90, np.uint8), CAMERA, **doubt)
+        assert (explanation.failed.name, explanation.failed.failure) == ("pose", "no parallel lines were seen.")
+        assert "--hfov" in explanation.failed.advice
         show_explanation(explanation)
+        assert explain(lane_road().image(), CAMERA, **doubt).failed is None
 
     def test_a_faint_lane_is_explained_with_the_response_that_found_it(self):
         """The band filter finds none here, so evidence, votes, fit and lane are those of the network."""

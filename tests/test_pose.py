@@ -162,19 +162,25 @@ class TestOneImage:
         assert np.degrees(estimate.pose.pitch_rad) == pytest.approx(3.0, abs=1.0)
         assert estimate.pose.roll_rad == 0.0
         assert abs(estimate.pose.height_m - 1.5) < 2 * estimate.height_std_m
-        assert "(assumed)" in estimate.describe() and "vanishing point of all its edges" in estimate.notes[0]
+        assert "(assumed)" in estimate.describe() and "vanishing point of all edges" in estimate.notes[0]
         assert "25% (the height is assumed)" in estimate.describe_accuracy()
         assert estimate_pose(paint_street(camera), camera, height_m=1.6).pose.height_m == 1.6
 
     @pytest.mark.parametrize("kind", ["blinds", "bricks", "circles", "clouds", "map", "wall"])
-    def test_an_image_without_a_road_is_refused(self, kind):
-        with pytest.raises(PoseError, match="so no road is recognised"):
-            estimate_pose(not_a_road(kind, seed=0), Camera.from_fov((1280, 720), 60))
+    def test_an_image_without_a_road_shows_no_lane(self, kind):
+        """It is not refused; the confidence says that no lane is seen."""
+        estimate = estimate_pose(not_a_road(kind, seed=0), Camera.from_fov((1280, 720), 60))
+        assert estimate.still.lane is None or estimate.still.lane.confidence < 0.5
 
-    def test_several_images_are_not_estimated_from_edges(self):
-        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5))
-        with pytest.raises(PoseError, match="only 0 of 2 pictures"):
-            estimate_pose([paint_street(camera)] * 2, camera)
+    def test_several_images_share_their_edges(self):
+        """Three streets that each show one line: together they are no less accurate than one."""
+        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5, *np.radians([2.0, 1.5])))
+        images = [paint_street(camera, lines=(0,))] * 3
+        estimate = estimate_pose(images, camera)
+        assert np.degrees([estimate.pose.pitch_rad, estimate.pose.yaw_rad]) == pytest.approx([2.0, 1.5], abs=1.0)
+        assert abs(estimate.pose.height_m - 1.5) < 2 * estimate.height_std_m
+        assert "only 0 of 3 pictures show two or more parallel lane lines" in estimate.notes[0]
+        assert estimate.pitch_std_rad <= estimate_pose(images[0], camera).pitch_std_rad
 
 
 @pytest.mark.slow
@@ -207,12 +213,14 @@ class TestSources:
         with pytest.raises(PictureError, match=r"second\.png: is 1281x721"):
             estimate_pose(tmp_path, CAMERA)
         for name in ("first.png", "second.png"):
-            write_image(tmp_path / name, np.zeros((720, 1280, 3), np.uint8))
-        with pytest.raises(PoseError, match=r"first\.png: only 0 of 2 pictures"):
-            estimate_pose(tmp_path, CAMERA)
+            write_image(tmp_path / name, np.zeros((18, 32, 3), np.uint8))
+        with pytest.raises(PoseError, match=r"first\.png: pictures of 32x18 pixels are too small"):
+            estimate_pose(tmp_path, CAMERA.scaled((32, 18)))
 
 
-class TestRefused:
+class TestNoLanes:
+    """The pose is then that of the edges and of the usual camera, and the notes say why."""
+
     @pytest.mark.slow
     @pytest.mark.parametrize(
         "image",
@@ -220,20 +228,24 @@ class TestRefused:
         ids=["unmarked", "text", "black"],
     )
     def test_images_without_lanes(self, image):
-        with pytest.raises(PoseError, match="only 0 of 3 pictures show two or more parallel lane lines"):
-            estimate_pose([image] * 3, CAMERA)
+        estimate = estimate_pose([image] * 3, CAMERA)
+        assert estimate.lane_width_m is None and estimate.height_std_m > 0.2
+        assert estimate.notes[0].startswith("only 0 of 3 pictures show two or more parallel lane lines")
 
     @pytest.mark.slow
     def test_one_line_alone(self):
-        with pytest.raises(PoseError, match="parallel lane lines|a lane apart"):
-            estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
+        estimate = estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
+        assert "parallel lane lines" in estimate.notes[0] or "a lane apart" in estimate.notes[0]
 
     @pytest.mark.slow
     def test_lines_that_bound_no_lane(self):
         images = drive(CAMERA, (0.0,) * 3, lines=(0, 2), solid=(0, 2))
-        with pytest.raises(PoseError, match="a lane apart"):
-            estimate_pose(images, CAMERA, lane_width_m=2.2, height_m=1.35)
+        estimate = estimate_pose(images, CAMERA, lane_width_m=2.2, height_m=1.35)
+        assert "a lane apart" in estimate.notes[0]
+        assert (estimate.pose.height_m, estimate.height_std_m) == (1.35, 0.0)
 
+
+class TestRefused:
     def test_bad_input_is_named(self):
         empty = np.zeros((720, 1280, 3), np.uint8)
         with pytest.raises(PoseError, match="no picture was given"):
