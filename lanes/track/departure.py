@@ -30,7 +30,7 @@ class Departure:
     # Time until the tyres are on that line if car and road continue as now; 0 on the line, infinite in lane keeping or
     # when it is more than 20 s away.
     time_to_crossing_s: float
-    # Whether to warn: a crossing is less than a second away with certainty, or happening.
+    # Whether to warn: a crossing is less than a second away with certainty, or happening; never for an uncertain lane.
     due: bool
 
     def describe(self) -> str | None:

@@ -17,6 +17,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.describe import html_table
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
@@ -287,7 +288,8 @@ class LaneTracker:
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
         motion = car_motion(estimate, self.settings.filter)
-        return Lane(
+        departure = watch_departure(model, motion)
+        lane = Lane(
             state=self._state,
             model=model,
             centres=estimate.lane,
@@ -297,8 +299,11 @@ class LaneTracker:
             inlier_share=inlier_share,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
-            departure=watch_departure(model, motion),
+            departure=departure,
         )
+        if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
+            return replace(lane, departure=replace(departure, due=False))
+        return lane
 
     def _without_static(
         self, evidence: FrameEvidence, elapsed_s: float, *, search: bool

@@ -8,6 +8,9 @@ import pytest
 from lanes.detect.road import CENTRE
 from lanes.track.departure import watch_departure
 from lanes.track.filter import CarMotion
+from lanes.track.tracker import LaneTracker
+from simulator.rendering.drive import Motion
+from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, straight_road
 from tests.support.shapes import a_lane
 
 
@@ -68,3 +71,23 @@ def test_uncertainty_suppresses_the_warning():
     assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, car(20.0)).time_to_crossing_s
     bend = lane_at(0.0, 0.01, 1 / 80)
     assert watch_departure(bend, car(15.0)).due and not watch_departure(bend, car(15.0, turning_std_per_m=0.01)).due
+
+
+def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
+    """The car drifts over the left line from the first frame on; the lane may still be a wrong one."""
+    drive = PaintedDrive(
+        straight_road(),
+        lane_lines(),
+        Motion(speed_mps=25.0, offset_m=0.75),
+        camera=SMALL,
+        drift_mps=0.9,
+        drift_s=(0.0, 3.0),
+    )
+    tracker = LaneTracker(SMALL, fps=25)
+    lanes = [tracker.update(drive.frame(number / 25)) for number in range(20)]
+    for lane in filter(None, lanes):
+        raw = watch_departure(lane.model, lane.motion)
+        sure = lane.state == "tracking" and lane.confidence >= 0.5
+        assert lane.departure.due == (raw.due and sure)
+    assert lanes[-1].departure.due and lanes[-1].departure.side == "left"
+    assert not lanes[0].departure.due and lanes[0].state == "searching"
