@@ -22,7 +22,7 @@ from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
-from lanes.files import TelemetryWriter, exclusive_writer
+from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
@@ -239,6 +239,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     """
     video, target = Path(video), output_path(Path(video), settings.output)
     info, camera, pose = prepare_drive(video, settings)
+    with translate_write_errors(target.with_suffix(".html")):
+        target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     with exclusive_writer(target):
         began_s = time.perf_counter()
         table = TelemetryWriter(target.with_suffix(".csv"))

@@ -131,7 +131,8 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
     else:
         found.unused[name] = _no_board(found.pattern)
     scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
-    found.tiles[name] = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    size = [max(1, round(scale * length)) for length in image.shape[1::-1]]
+    found.tiles[name] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
 def _add_video(found: BoardDetections, name: str, path: Path) -> None:
@@ -181,14 +182,15 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
     unused = "".join(f"\n  {name}: {reason}" for name, reason in detections.unused.items())
     if not detections.boards:
         raise CameraError(
-            f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in any of the "
-            f"{len(detections.tiles)} pictures of {source}; give pictures of a board of that pattern, or the pattern "
+            f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in "
+            f"{source}; give pictures of a board of that pattern, or the pattern "
             f"of this one.{unused}"
         )
     try:
         camera = calibrate_boards(detections.boards)
     except CameraError as error:
-        raise CameraError(f"{source}: {error}{unused}") from error
+        hint = " Is the pattern right?" if len(detections.unused) > len(detections.boards) else ""
+        raise CameraError(f"{source}: {error}{hint}{unused}") from error
     report = camera.require_report()
     return replace(camera, report=replace(report, rejected=detections.unused | report.rejected))
 

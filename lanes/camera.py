@@ -489,6 +489,7 @@ def camera_from_dict(content: dict) -> Camera:
 def _parse_distortion(content: dict) -> np.ndarray:
     """The coefficients of a camera file; older ones name no model, which is plumb_bob unless there are eight."""
     data = np.array(content["distortion_coefficients"]["data"], float)
+    data = data if data.size else np.zeros(4)  # so does ROS write a lens without distortion
     model = content.get("distortion_model") or ("rational_polynomial" if len(data) == 8 else "plumb_bob")
     counts = {name: count for count, name in DISTORTION_MODELS.items()}
     if model not in counts:

@@ -20,6 +20,8 @@ MIN_GRID = (5, 4)
 # Larger images are resized until their longer side has this length, because the detectors are slow and less reliable on
 # them.
 DETECTION_LENGTH_PX = 1600
+# No board is recognised in a resized image that is narrower.
+MIN_SIZE_PX = 24
 # Standard deviation of the blur before the classic detector, pixels of the resized image. On a texture of single pixels
 # that detector takes a minute.
 TEXTURE_BLUR_PX = 1.5
@@ -70,6 +72,8 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
         raise CameraError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     scale = max(1.0, max(gray.shape) / DETECTION_LENGTH_PX)
+    if min(gray.shape) < MIN_SIZE_PX * scale:
+        return None
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
     # the sector-based detector draws random numbers
     cv2.setRNGSeed(0)

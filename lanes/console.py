@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
-from io import BufferedIOBase, BufferedWriter, RawIOBase, TextIOWrapper
+from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
 from typing import Any
 
 
@@ -81,6 +81,8 @@ def run_program(main: Callable[[], int]) -> None:
     # (`| head`) or a full disk behind it: the exit status is that of the work.
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
+        if stream is None:  # closed before the start
+            setattr(sys, name, StringIO())
         if isinstance(stream, TextIOWrapper):
             output = BufferedWriter(_Unfailing(stream.detach()))
             setattr(sys, name, TextIOWrapper(output, stream.encoding, "backslashreplace", line_buffering=True))

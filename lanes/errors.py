@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from numbers import Real
 
 
@@ -12,7 +13,10 @@ class LaneError(ValueError):
 
 def require_number(value: object, name: str, *, positive: bool = False, finite: bool = True) -> float:
     """The number as a Python float: of an int, float, Fraction or NumPy number. Raises LaneError otherwise."""
-    number = float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
+    number = None
+    if isinstance(value, Real) and not isinstance(value, bool):
+        with suppress(OverflowError):  # of integers
+            number = float(value)
     if number is None or (finite and not math.isfinite(number)) or (positive and not number > 0):
         kind = "positive " if positive else "finite " if finite else ""
         raise LaneError(f"{name} must be a {kind}number; got {value!r}.")

@@ -192,9 +192,10 @@ def translate_write_errors(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise type(error)(
-            f"{path}: cannot be written ({error.strerror or error}); choose another folder or free some space."
-        ) from error
+        remedy = "choose another folder or free some space"
+        if error.errno == errno.ENAMETOOLONG:
+            remedy = "rename the source, or give a shorter name"
+        raise type(error)(f"{path}: cannot be written ({error.strerror or error}); {remedy}.") from error
 
 
 def _describe_kind(found: os.stat_result) -> str:

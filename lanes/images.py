@@ -38,7 +38,7 @@ _PICTURE_FORMATS = {
 # First bytes of videos: mp4 and mov, Matroska, avi, flv, Ogg, asf, MPEG streams, transport streams (also with times
 # before the packets), mxf, gif, yuv4mpeg, nut.
 _VIDEO_FORMATS = (
-    rb"....(ftyp|moov|mdat|wide|free|skip)|\x1aE\xdf\xa3|RIFF....AVI |FLV|OggS|\x30\x26\xb2\x75|\0\0\0?\x01"
+    rb"....(ftyp(?!M4[AB])|moov|mdat|wide|free|skip)|\x1aE\xdf\xa3|RIFF....AVI |FLV|OggS|\x30\x26\xb2\x75|\0\0\0?\x01"
     rb"|\x47.{187}\x47|.{4}\x47.{191}\x47|\x06\x0e\x2b\x34|GIF8|YUV4MPEG2|nut/multimedia"
 )
 # A name decides only where the content does not: empty and damaged files, and MJPEG, which begins like a JPEG.
@@ -86,7 +86,7 @@ def kind_of_file(path: str | Path) -> Literal["picture", "video"] | None:
     except OSError:
         head = b""  # reading the file will say why it cannot be read
     suffix = path.suffix.lower()
-    if _picture_format(head) and suffix not in _VIDEO_SUFFIXES:
+    if (picture := _picture_format(head)) and not (picture == "Jpeg" and suffix in (".mjpeg", ".mjpg")):
         return "picture"
     if re.match(_VIDEO_FORMATS, head, re.DOTALL) or suffix in _VIDEO_SUFFIXES:
         return "video"
@@ -204,8 +204,8 @@ def _open_complete(path: Path, data: bytes) -> Any:
                         raise
     except Exception as error:  # a damaged file makes Pillow raise many types
         raise PictureError(
-            f"{path}: cannot be decoded as a picture, it is cut off or damaged ({error}); copy it again from its "
-            "source, or save it again as JPEG or PNG."
+            f"{path}: cannot be decoded as a picture, it is cut off, damaged or of a rare kind ({error}); copy it "
+            "again from its source, or save it again as JPEG or PNG."
         ) from error
     if images > 1:
         raise PictureError(f"{path}: holds {images} images; save the one to use alone, or convert all to an mp4 video.")

@@ -117,7 +117,7 @@ def sample_images(
     chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
     for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
-        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s):
+        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s, end_s):
             if require:
                 require(image, file)
             yield image
@@ -132,14 +132,19 @@ def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s
     return start_s + length_s * np.arange(count) / count
 
 
-def _frames_at(video: Path, times_s: list[float]) -> Iterator[np.ndarray]:
-    """The frames shown at increasing times; seeks if the next time is more than `SEEK_S` ahead."""
+def _frames_at(video: Path, times_s: list[float], end_s: float | None) -> Iterator[np.ndarray]:
+    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `SEEK_S` ahead."""
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:
         if time_s > now_s + SEEK_S:
-            frames = read_timed_frames(video, start_s=time_s)
-        frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
+            frames = read_timed_frames(video, start_s=time_s, end_s=end_s)
+        try:
+            frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
+        except VideoError:  # no frame from here to `end_s`
+            if now_s < 0:
+                raise
+            return
         if frame is None:
             return
         now_s = frame.time_s

@@ -157,3 +157,8 @@ def test_textures_take_seconds_only(squares_px):
     texture = (np.indices((1200, 1600)) // squares_px).sum(axis=0) % 2 * 255
     assert seen_within(8.0, np.repeat(texture[..., None], 3, axis=2).astype(np.uint8)) is None
     assert seen_within(2.0, np.random.default_rng(0).integers(0, 256, (20_000, 60, 3), np.uint8)) is None
+
+
+@pytest.mark.parametrize("shape", [(1, 4000), (4000, 1), (3, 3)])
+def test_images_without_room_for_a_board(shape):
+    assert find_board(np.zeros((*shape, 3), np.uint8)) is None

@@ -105,3 +105,15 @@ def test_images_that_are_not_wanted_are_refused_with_their_file(drive):
         list(sample_images(files[1:], 40, require=refuse))
     with pytest.raises(VideoError, match=r"drive\.mp4: lasts 3 s; begin before that, not at 3\.5 s"):
         list(sample_images(files, 40, start_s=3.5))
+
+
+def test_no_image_is_from_behind_the_part(tmp_path):
+    """Nothing was recorded from second 1 to 3."""
+    with VideoWriter(tmp_path / "hole.mp4", fps=10) as video:
+        for number in range(20):
+            video.write(np.full((36, 64, 3), 10 * number, np.uint8), number / 10 + (2 if number >= 10 else 0))
+    assert brightness(sample_images([tmp_path / "hole.mp4"], 40, start_s=0.5, end_s=2.5)) == pytest.approx(
+        [50, 70, 90], abs=2
+    )
+    with pytest.raises(VideoError, match="has no frame at or after 1.5 s and before 2.5 s"):
+        list(sample_images([tmp_path / "hole.mp4"], 40, start_s=1.5, end_s=2.5))

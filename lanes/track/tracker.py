@@ -23,7 +23,7 @@ from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvi
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
-from lanes.errors import require_number
+from lanes.errors import LaneError, require_number
 from lanes.track.departure import watch_departure
 from lanes.track.filter import (
     CAMERA_YAW,
@@ -43,6 +43,10 @@ from lanes.track.static_pattern import StaticPattern
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
+
+
+# Above the speed of any car on a road.
+MAX_SPEED_MPS = 120.0
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,8 @@ class LaneTracker:
     ) -> None:
         self.fps = require_number(fps, "fps", positive=True)
         self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
+        if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
+            raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
         self.settings = settings or TrackerSettings()
         camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)

@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from lanes.errors import PictureError, VideoError
+from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.video.reader import VideoInfo, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
@@ -75,6 +75,8 @@ def process_video(
     FileNotFoundError, LaneError, OSError
         If `source` cannot be used, `function` refuses a frame or returns no RGB image, or an output cannot be written.
     """
+    start_s = require_number(start_s, "start_s")
+    end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     info = info or inspect_video(source)
     with translate_write_errors(Path(target)):
         same = Path(target).exists() and os.path.samefile(source, target)

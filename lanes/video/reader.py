@@ -8,9 +8,12 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Generator, Iterator
+from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
+from heapq import heappop, heappush
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +22,26 @@ import numpy as np
 from av.container import InputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
-from lanes.errors import VideoError
+from lanes.errors import VideoError, require_number
 from lanes.files import require_file
 from lanes.images import MAX_PIXELS
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
+# Formats without presentation times. FFmpeg's guesses are in order for packets, and out of order for frames that were
+# reordered.
+WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 # Frame rates that a 32-bit clock and the tracker can handle.
 MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
+# The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
+MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
+# Largest share of a file's bytes behind the last packet, as of an index.
+MAX_INDEX_SHARE = 0.3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
-CLOCK_RESET_S = 1
+CLOCK_RESET_S = 0.25
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
 # Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
@@ -109,10 +119,11 @@ def inspect_video(path: str | Path) -> VideoInfo:
     """
     with open_video(path) as container:
         stream = container.streams.video[0]
-        stored, stamps, end_s, first = 0, [], 0.0, None
+        stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
         for packet in _packets(container):
             if packet.pts is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            end_byte = max(end_byte, (packet.pos or 0) + packet.size)
             if packet.stream is stream:
                 stored += packet.size > 0
                 # A clip cut without re-encoding begins with frames that are only references for later ones.
@@ -133,7 +144,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
             colours=ColourTags.of(first),
-            note=_describe_unread(Path(path)),
+            note=_describe_unread(Path(path), end_byte),
         )
 
 
@@ -157,6 +168,8 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
     skipped; if the frame rate is constant, their numbers are skipped too. Raises FileNotFoundError, or VideoError if
     the file is not a video, its frame size changes, or it ends before `start_s`.
     """
+    start_s = require_number(start_s, "start_s")
+    end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
     yield from translate_errors(_read_frames(path, start_s, end_s), path)
@@ -164,32 +177,49 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
 
 def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
     last: TimedFrame | None = None
-    with open_video(path) as container:
-        stream = container.streams.video[0]
-        stream.thread_type = "AUTO"
-        rate = frame_rate(stream, path)
-        constant_rate = _rate_is_constant(rate, stream)
-        converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
-        if start_s > 1 and stream.time_base:
-            # to a key frame; one second early, because some containers seek coarsely
-            container.seek(int((start_s - 1 + start_time(stream)) / stream.time_base), stream=stream)
-        for frame, time_s in _timed(decode_frames(container, stream), stream, rate, path):
+    with closing(_frames_until(path, start_s)) as frames:
+        for frame, time_s, stream in frames:
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            if last is not None:
-                number = last.number + (max(1, round((time_s - last.time_s) * rate)) if constant_rate else 1)
-            elif constant_rate or start_s == 0:
-                number = round(time_s * rate)
+            if last is None:
+                rate, converter = frame_rate(stream, path), VideoReformatter()  # its setup takes half a conversion
+                even = _rate_is_constant(rate, stream)
+                number = round(time_s * rate) if even or start_s == 0 else _count_before(path, frame.pts)
             else:
-                number = _count_before(path, frame.pts)
+                number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
             elapsed_s = None if last is None else float(time_s) - last.time_s
             last = TimedFrame(number, float(time_s), _upright_rgb(frame, stream, converter, path), elapsed_s)
             yield last
     if last is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
         raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
+
+
+def _frames_until(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
+    """Frames with their times and their stream, from a key frame before `start_s` on.
+
+    Where a seek is not possible, or ends behind `start_s`, as in transport streams with few key frames, they are from
+    the first one on.
+    """
+    for seek in (True, False) if start_s > 1 else (False,):
+        with open_video(path) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            if seek:
+                try:
+                    # one second early, because some containers seek coarsely
+                    at_s = start_s - 1 + start_time(stream, path)
+                    container.seek(int(at_s / (stream.time_base or Fraction(1))), stream=stream)
+                except av.FFmpegError:  # a raw stream
+                    continue
+            frames = _timed(decode_frames(container, stream), stream, frame_rate(stream, path), path)
+            first = next(frames, None)
+            if first is None or (seek and first[1] > start_s - STAMP_TOLERANCE_S):
+                continue
+            yield from ((frame, time_s, stream) for frame, time_s in chain([first], frames))
+            return
 
 
 def open_video(path: str | Path) -> InputContainer:
@@ -217,8 +247,16 @@ def open_video(path: str | Path) -> InputContainer:
 
 def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
     """The undamaged frames of a stream in order: of video or sound."""
+    ordered = stream.type == "video" and container.format.name in WITHOUT_PRESENTATION_TIMES
+    stamps: list[int] = []  # of packets whose frames are not decoded yet
     for packet in _packets(container, stream):
-        yield from _decoded(packet)
+        if ordered and packet.size and packet.pts is not None:
+            heappush(stamps, packet.pts)
+        for frame in _decoded(packet):
+            if stamps:
+                frame.pts = heappop(stamps)
+            if not frame.is_corrupt:
+                yield frame
 
 
 def _packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
@@ -251,11 +289,15 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
     return rate
 
 
-def start_time(stream: av.VideoStream) -> Fraction:
+def start_time(stream: av.VideoStream, path: str | Path) -> Fraction:
     """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
-    if stream.start_time is None or stream.time_base is None:
+    if stream.time_base is None:
         return Fraction(0)
-    return stream.start_time * stream.time_base
+    stamp = stream.start_time
+    if stream.container.format.name in WITHOUT_PRESENTATION_TIMES:
+        with open_video(path) as container:
+            stamp = next((packet.pts for packet in _packets(container, container.streams.video[0])), None)
+    return (stamp or 0) * stream.time_base
 
 
 def _describe_fault(container: InputContainer) -> str:
@@ -273,9 +315,9 @@ def _describe_fault(container: InputContainer) -> str:
 
 
 def _decoded(packet: av.Packet) -> Iterator[Any]:
-    """The frames that a packet completes; none from a damaged packet, and none that FFmpeg concealed errors in."""
+    """The frames that a packet completes; none from a damaged packet."""
     try:
-        yield from (frame for frame in packet.decode() if not frame.is_corrupt)
+        yield from packet.decode()
     except av.FFmpegError:
         return
 
@@ -287,6 +329,7 @@ def _timed(
     first: av.VideoFrame | None = None
     last_s: Fraction | None = None
     shift_s = Fraction(0)
+    zero_s = start_time(stream, path)
     for frame in frames:
         first = first or frame
         if (frame.width, frame.height) != (first.width, first.height):
@@ -298,7 +341,7 @@ def _timed(
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
         time_s = after_s
         if frame.pts is not None and frame.time_base is not None:
-            time_s = frame.pts * frame.time_base - start_time(stream) + shift_s
+            time_s = frame.pts * frame.time_base - zero_s + shift_s
         if last_s is not None and time_s < last_s - CLOCK_RESET_S:
             shift_s += after_s - time_s
             time_s = after_s
@@ -340,10 +383,13 @@ def _shown_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
 
 def _count_before(path: str | Path, pts: int | None) -> int:
     """Number of frames before that with the time stamp `pts`, in a video of variable rate."""
-    if pts is None:  # a raw stream, which begins at its first frame
-        return 0
+    return 0 if pts is None else int(np.searchsorted(_stamps(path), pts))
+
+
+def _stamps(path: str | Path) -> np.ndarray:
+    """Time stamps of all frames, sorted; reads the file once for calls in a row."""
     file = Path(path).stat()
-    return int(np.searchsorted(_sorted_stamps(str(path), file.st_mtime_ns, file.st_size), pts))
+    return _sorted_stamps(str(path), file.st_mtime_ns, file.st_size)
 
 
 @lru_cache(maxsize=1)
@@ -364,32 +410,43 @@ def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream
         return 0
     # in frames; floats, because thousands of fractions take longer than to read the file
     steps = np.diff(np.sort(known)) * float(tick * rate)
+    if np.mean(steps < MIN_STEP) > MAX_SHORT_SHARE:
+        return 0
     return int(np.maximum(np.rint(steps) - 1, 0).sum())
 
 
 def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
-    stream = container.streams.video[0]
-    announced_s = ((container.duration or 0) + (container.start_time or 0)) / av.time_base
-    in_frames_s = float(start_time(stream) + stream.frames / rate)
-    cut_off_s = max(announced_s, in_frames_s) - end_s
+    # In Matroska the duration counts from zero, in all others from the first packet.
+    begin = 0 if "matroska" in container.format.name else container.start_time or 0
+    cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
     return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0
 
 
-def _describe_unread(path: Path) -> str:
-    """What of an mp4 or mov file is not read: a second one behind the first, as `cat` joins them; else empty."""
+def _describe_unread(path: Path, end_byte: int) -> str:
+    """What of a file is not read: a second video behind the first, as `cat` joins them; else empty.
+
+    `end_byte` is the end of the last packet. Behind it is at most an index, in an mp4 or mov a long one.
+    """
+    size = path.stat().st_size
+    begin = _second_mp4(path)
+    if begin is None:
+        begin = end_byte if 0 < end_byte < (1 - MAX_INDEX_SHARE) * size else size
+    share = 1 - begin / size
+    return f"a second video follows in this file ({share:.0%} of its bytes) and is not read; split it." if share else ""
+
+
+def _second_mp4(path: Path) -> int | None:
+    """First byte of the second mp4 or mov file in a file, its size if there is none, and None if it is no mp4."""
+    at, size = 0, path.stat().st_size
     with path.open("rb") as file:
-        at, size = 0, path.stat().st_size
         for _ in range(MAX_BOXES):
-            if at + 16 > size:
-                break
             file.seek(at)
-            length, kind, long_length = struct.unpack(">I4sQ", file.read(16))
+            header = file.read(16).ljust(16, b"\0")
+            length, kind, long_length = struct.unpack(">I4sQ", header)
             if at == 0 and kind != b"ftyp":
-                return ""
-            if kind == b"ftyp" and at:
-                share = (size - at) / size
-                return f"a second video follows in this file ({share:.0%} of its bytes) and is not read; split it."
-            length = {0: size, 1: long_length}.get(length, length)
-            at += max(length, 8)
-    return ""
+                return None
+            if at >= size or (at and kind == b"ftyp"):
+                return min(at, size)
+            at += max({0: size, 1: long_length}.get(length, length), 8)
+    return size

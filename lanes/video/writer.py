@@ -243,12 +243,13 @@ class SoundTrack:
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
         """Packets to copy or frames to encode from `start_s` on, with their times since then."""
-        zero_s = self._start_s + float(start_time(self._source.streams.video[0]))
+        path = self._source.name.removeprefix("file:")
+        zero_s = self._start_s + float(start_time(self._source.streams.video[0], path))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, self._source.name.removeprefix("file:")):
+        for piece in translate_errors(pieces, path):
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s

@@ -167,6 +167,13 @@ def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "a.mp4").exists()
 
 
+def test_closed_outputs(tmp_path):
+    """As under some schedulers: neither stdout nor stderr is open."""
+    words = [*command_line.process("calibrate", ROOT / "camera_cal", "-o", tmp_path / "lens.yaml")]
+    assert subprocess.run(["sh", "-c", '"$@" >&- 2>&-', "sh", *words], cwd=ROOT).returncode == 0
+    assert names(tmp_path) == {"lens.yaml"}
+
+
 @pytest.mark.parametrize("output", ["/dev/full", "closed pipe"])
 def test_files_are_written_although_nobody_can_read_the_words(tmp_path, output):
     """A full disk behind `>`, and `| head` that has read enough; the exit status is that of the files."""

@@ -281,6 +281,11 @@ def test_a_wrong_frame_rate_raises(wrong):
 
 
 def test_other_wrong_arguments_raise():
+    for wrong in (-1.0, 1e30):
+        with pytest.raises(LaneError, match="speed_mps must be from 0 to 120"):
+            LaneTracker(SMALL, speed_mps=wrong)
+    with pytest.raises(LaneError, match="fps must be a positive number"):
+        LaneTracker(SMALL, fps=10**400)
     for wrong in ("fast", np.nan, np.inf):
         with pytest.raises(LaneError, match=rf"speed_mps must be a finite number; got {wrong!r}\.$"):
             LaneTracker(SMALL, speed_mps=wrong)

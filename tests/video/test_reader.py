@@ -87,15 +87,11 @@ def test_frames_of_every_container_are_counted(tmp_path, suffix):
     assert (info.width, info.height, info.frames, info.has_audio) == (160, 96, 31, suffix == "mp4")
     assert info.fps == pytest.approx(30000 / 1001, abs=1e-3) and info.duration_s == pytest.approx(1.034, abs=1e-3)
     frames = list(read_timed_frames(path))
-    # avi stores decoding times only, which are one frame early where frames refer to later ones
-    first = 1 if suffix == "avi" else 0
     assert [number_of(frame.image) for frame in frames] == list(range(31))
-    assert [frame.number for frame in frames] == list(range(first, 31 + first))
-    np.testing.assert_allclose(
-        [frame.time_s for frame in frames], np.arange(first, 31 + first) / float(NTSC), atol=1e-3
-    )
+    assert [frame.number for frame in frames] == list(range(31))
+    np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(31) / float(NTSC), atol=1e-3)
     late = next(read_timed_frames(path, start_s=0.9))
-    assert late.number == number_of(late.image) + first == 27
+    assert late.number == number_of(late.image) == 27
 
 
 def test_frames_that_are_not_shown_do_not_count(video, tmp_path):
@@ -202,3 +198,30 @@ def test_colours_that_cannot_be_converted_are_named(tmp_path, matrix):
 
 
 NAMES = {8: "YCgCo", 10: "bt2020c", 14: "ICtCp"}
+
+
+@pytest.mark.parametrize("suffix", ["ts", "mpg", "avi", "h264"])
+def test_a_part_begins_where_it_should(tmp_path, suffix):
+    """Also where a seek ends too late or is not possible, and where the container has no presentation times."""
+    options = {} if suffix == "mpg" else {"preset": "veryfast", "g": "100", "bf": "2"}
+    codec = "mpeg2video" if suffix == "mpg" else "libx264"
+    path = encode(tmp_path / f"a.{suffix}", map(numbered, range(100)), codec, options=options)
+    assert (inspect_video(path).frames, inspect_video(path).missing) == (100, 0)
+    for start_s, first in ((0.0, 0), (1.3, 33), (3.52, 88)):
+        frames = list(read_timed_frames(path, start_s=start_s))
+        assert [number_of(frame.image) for frame in frames] == list(range(first, 100))
+        assert [frame.number for frame in frames] == list(range(first, 100))
+        np.testing.assert_allclose([frame.time_s for frame in frames], np.arange(first, 100) / 25, atol=1e-3)
+
+
+def test_a_cut_without_encoding_lacks_nothing(tmp_path):
+    """It keeps the frames from the key frame before, which are not shown; nor does a late begin mean a loss."""
+    path = make_video(tmp_path / "a.mp4", 100)
+    with av.open(str(path)) as source, av.open(str(tmp_path / "late.mkv"), "w") as target:
+        stream = target.add_stream_from_template(source.streams.video[0])
+        for packet in source.demux(video=0):
+            if packet.dts is not None:
+                packet.pts, packet.dts, packet.stream = packet.pts + 64000, packet.dts + 64000, stream
+                target.mux(packet)
+    info = inspect_video(tmp_path / "late.mkv")
+    assert (info.frames, info.missing) == (100, 0)
