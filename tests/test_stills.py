@@ -10,7 +10,10 @@ import pytest
 from lanes import stills
 from lanes.camera import Camera, CameraPose
 from lanes.errors import CameraError
+from lanes.pose import estimate_pose
 from lanes.stills import StillDetection, detect_still, detect_with_own_pose, find_lane
+from simulator.rendering.render import render_frame
+from simulator.scenes.suite import SUITE
 from tests.support.painted_roads import ASPHALT, Road, dashcam, paint_motorway
 
 DASHCAM = dashcam()
@@ -85,3 +88,17 @@ class TestOwnPose:
         found = own_pose(np.full((360, 640, 3), 90, np.uint8), 1.35, 0.25)
         assert found.lane is None and found.camera.pose == replace(POSE, height_m=1.35)
         assert found.evidence.view_image.any()
+
+
+@pytest.mark.slow
+def test_a_lane_is_found_through_a_fisheye_lens():
+    """140 degrees wide: the road near the car is seen far from the optical axis, and straight lines are bent."""
+    focal_px = 320 / np.radians(70)
+    matrix = np.array([[focal_px, 0, 322], [0, focal_px, 178], [0, 0, 1]])
+    camera = Camera(640, 360, matrix, np.array([0.02, -0.01, 0.003, -0.001]), CameraPose(1.4, *np.radians([2.0, 1.0])))
+    drive = replace(SUITE["motorway"].drive(), camera=camera, bonnet=False)
+    frames = [render_frame(drive, time_s) for time_s in (0.0, 1.5, 3.0)]
+    for frame in frames:
+        assert find_lane(frame.image, camera).offset_m == pytest.approx(frame.truth.offset_m, abs=0.05)
+    pose = estimate_pose([frame.image for frame in frames], replace(camera, pose=None)).pose
+    assert np.degrees([pose.pitch_rad, pose.yaw_rad]) == pytest.approx([2.0, 1.0], abs=0.5)
