@@ -184,13 +184,14 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
             if last is None:
-                rate, converter = frame_rate(stream, path), VideoReformatter()  # its setup takes half a conversion
+                rate, size = frame_rate(stream, path), _square_size(frame, stream)
+                converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
                 even = _rate_is_constant(rate, stream)
                 number = round(time_s * rate) if even or start_s == 0 else _count_before(path, frame.pts)
             else:
                 number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
             elapsed_s = None if last is None else float(time_s) - last.time_s
-            last = TimedFrame(number, float(time_s), _upright_rgb(frame, stream, converter, path), elapsed_s)
+            last = TimedFrame(number, float(time_s), _upright_rgb(frame, size, converter, path), elapsed_s)
             yield last
     if last is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
@@ -354,12 +355,11 @@ def _quarter_turns(frame: av.VideoFrame) -> int:
 
 
 def _upright_rgb(
-    frame: av.VideoFrame, stream: av.VideoStream, converter: VideoReformatter, path: str | Path
+    frame: av.VideoFrame, size: tuple[int, int], converter: VideoReformatter, path: str | Path
 ) -> np.ndarray:
-    """The RGB image of a frame, rotated and with square pixels."""
-    width, height = _square_size(frame, stream)
+    """The RGB image of a frame of `size` (width, height) before rotation."""
     try:
-        image = converter.reformat(frame, width, height, format="rgb24", threads=1).to_ndarray()
+        image = converter.reformat(frame, *size, format="rgb24", threads=1).to_ndarray()
     except av.FFmpegError as error:
         raise VideoError(
             f"{path}: its colours cannot be converted to RGB (matrix {frame.colorspace} of Recommendation H.273, "

@@ -87,7 +87,7 @@ JPEG = {
 VIDEO = {
     "ffconcat": (holds("ffconcat version 1.0\nfile drive.mp4\n"), "cannot be read as a video"),
     "playlist": (holds("#EXTM3U\n#EXTINF:1,\ndrive.mp4\n#EXT-X-ENDLIST\n"), "cannot be read as a video"),
-    "a picture": (holds(png_claiming(640, 360)), "cannot be read as a video"),
+    "a picture": (holds(png_claiming(640, 360)), "cannot be decoded as a picture"),
 }
 
 
