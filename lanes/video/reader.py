@@ -177,7 +177,7 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
 
 def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
     last: TimedFrame | None = None
-    with closing(_frames_until(path, start_s)) as frames:
+    with closing(_frames_from(path, start_s)) as frames:
         for frame, time_s, stream in frames:
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
@@ -198,7 +198,7 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
         raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
-def _frames_until(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
+def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
     """Frames with their times and their stream, from a key frame before `start_s` on.
 
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with few key frames, they are from
