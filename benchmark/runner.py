@@ -22,7 +22,7 @@ from benchmark.scores import Result
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict
-from lanes.video import reader
+from lanes.video import container, reader
 from lanes.video.reader import inspect_video
 from simulator.disk_cache import cache_folder
 from simulator.processes import run_all
@@ -96,7 +96,7 @@ def _cache_key(prepared: PreparedDrive, system: str) -> str:
     digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
     camera = camera_to_dict(prepared.camera)
     digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera}".encode())
-    modules = (estimates, evaluation, own_finder, systems, frames, reader)
+    modules = (estimates, evaluation, own_finder, systems, frames, container, reader)
     for source in (*(Path(inspect.getfile(module)) for module in modules), *source_files(system)):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
             digest.update(file.read_bytes())

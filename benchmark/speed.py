@@ -29,8 +29,9 @@ from lanes.camera import Camera, load_camera
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.track.tracker import LaneTracker
+from lanes.video.container import frame_rate, open_video
 from lanes.video.process import process_video
-from lanes.video.reader import frame_rate, inspect_video, open_video, read_video
+from lanes.video.reader import inspect_video, read_video
 from lanes.video.writer import open_mp4
 
 # Frames whose processing is timed, kept in memory (2.8 MB each), and the first ones, which do not count: the tracker

@@ -1,4 +1,4 @@
-"""Frames and properties of video files, through PyAV (FFmpeg inside this process).
+"""Frames and properties of video files.
 
 `read_timed_frames` is the one way that frames are read; damaged ones are skipped, and the others keep their times.
 """
@@ -12,10 +12,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
-from heapq import heappop, heappush
 from itertools import chain
 from pathlib import Path
-from typing import Any
 
 import av
 import numpy as np
@@ -23,17 +21,17 @@ from av.container import InputContainer
 from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError, require_number
-from lanes.files import require_file
-from lanes.images import MAX_PIXELS
+from lanes.video.container import (
+    NOT_DECODED,
+    decode_frames,
+    decode_packet,
+    frame_rate,
+    open_video,
+    read_packets,
+    start_time,
+    translate_errors,
+)
 
-# Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
-# make FFmpeg open further files or network addresses that the author of the file chose.
-FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
-# Formats without presentation times. FFmpeg's guesses are in order for packets, and out of order for frames that were
-# reordered.
-WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
-# Frame rates that a 32-bit clock and the tracker can handle.
-MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
@@ -54,7 +52,6 @@ SAME_RATE = 0.02
 UNSPECIFIED = 2
 # Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
 YUV_MATRICES = {1, 4, 5, 6, 7, 9}
-NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 
 
 @dataclass(frozen=True)
@@ -120,7 +117,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
-        for packet in _packets(container):
+        for packet in read_packets(container):
             if packet.pts is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
             end_byte = max(end_byte, (packet.pos or 0) + packet.size)
@@ -129,7 +126,7 @@ def inspect_video(path: str | Path) -> VideoInfo:
                 # A clip cut without re-encoding begins with frames that are only references for later ones.
                 if packet.size and not packet.is_discard:
                     stamps.append(packet.pts)
-                first = first or next(_decoded(packet), None)
+                first = first or next(decode_packet(packet), None)
         if first is None:
             raise VideoError(f"{path}: {NOT_DECODED}")
         rate = frame_rate(stream, path)
@@ -223,106 +220,6 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
             return
 
 
-def open_video(path: str | Path) -> InputContainer:
-    """Open a video file; FFmpeg cannot open any other file or address named in it.
-
-    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
-    """
-    path = require_file(path, "video", error=VideoError)
-    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
-    try:
-        # Without the prefix a name such as "concat:a.mp4" would select a protocol.
-        container = av.open(f"file:{path}", options=options)
-    except av.FFmpegError as error:
-        raise VideoError(
-            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
-            "again, or convert it to mp4."
-        ) from error
-    if fault := _describe_fault(container):
-        container.close()
-        raise VideoError(f"{path}: {fault}")
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
-    return container
-
-
-def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
-    """The undamaged frames of a stream in order: of video or sound."""
-    ordered = stream.type == "video" and container.format.name in WITHOUT_PRESENTATION_TIMES
-    stamps: list[int] = []  # of packets whose frames are not decoded yet
-    for packet in _packets(container, stream):
-        if ordered and packet.size and packet.pts is not None:
-            heappush(stamps, packet.pts)
-        for frame in _decoded(packet):
-            if stamps:
-                frame.pts = heappop(stamps)
-            if not frame.is_corrupt:
-                yield frame
-
-
-def _packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
-    """The packets of these or all streams; a file that is damaged after some packets ends there."""
-    count = 0
-    try:
-        for packet in container.demux(*streams):
-            yield packet
-            count += 1
-    except av.FFmpegError:
-        if not count:
-            raise
-
-
-def translate_errors(items: Iterator, path: str | Path) -> Iterator:
-    """The same items; FFmpeg's errors become a VideoError that names `path`."""
-    try:
-        yield from items
-    except av.FFmpegError as error:
-        raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
-
-
-def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Frames per second; raises VideoError if the file has no frame rate, or one that is not usable."""
-    rate = stream.average_rate or stream.guessed_rate
-    if not rate:
-        raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if not MIN_FPS <= rate <= MAX_FPS:
-        raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
-    return rate
-
-
-def start_time(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
-    if stream.time_base is None:
-        return Fraction(0)
-    stamp = stream.start_time
-    if stream.container.format.name in WITHOUT_PRESENTATION_TIMES:
-        with open_video(path) as container:
-            stamp = next((packet.pts for packet in _packets(container, container.streams.video[0])), None)
-    return (stamp or 0) * stream.time_base
-
-
-def _describe_fault(container: InputContainer) -> str:
-    """What is wrong with a file without a video stream or a decoder for it, or with too large frames; else empty."""
-    if not container.streams.video:
-        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
-        return f"holds no frame of a video (its streams: {kinds}); name a video file."
-    codec = container.streams.video[0].codec_context
-    if codec is None:
-        return NOT_DECODED
-    if codec.width * codec.height > MAX_PIXELS:
-        most = f"more than the maximum of {MAX_PIXELS / 1e6:.0f} million"
-        return f"claims {codec.width}x{codec.height} pixels, {most}; convert it to a smaller size."
-    return ""
-
-
-def _decoded(packet: av.Packet) -> Iterator[Any]:
-    """The frames that a packet completes; none from a damaged packet."""
-    try:
-        yield from packet.decode()
-    except av.FFmpegError:
-        return
-
-
 def _timed(
     frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
@@ -395,7 +292,7 @@ def _stamps(path: str | Path) -> np.ndarray:
 @lru_cache(maxsize=1)
 def _sorted_stamps(path: str, *version: int) -> np.ndarray:
     with open_video(path) as container:
-        packets = _packets(container, container.streams.video[0])
+        packets = read_packets(container, container.streams.video[0])
         return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
 
 

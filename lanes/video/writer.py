@@ -18,18 +18,8 @@ from av.video.reformatter import ColorRange, VideoReformatter
 from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
-from lanes.video.reader import (
-    CLOCK_RESET_S,
-    MAX_FPS,
-    MIN_FPS,
-    STAMP_TOLERANCE_S,
-    ColourTags,
-    decode_frames,
-    inspect_video,
-    open_video,
-    start_time,
-    translate_errors,
-)
+from lanes.video.container import MAX_FPS, MIN_FPS, decode_frames, open_video, start_time, translate_errors
+from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, ColourTags, inspect_video
 
 # Audio codecs that mp4 allows and browsers play. Any other is re-encoded as AAC, also MP3, which mp4 does not allow at
 # every sampling rate.
