@@ -307,7 +307,7 @@ def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream
         return 0
     # in frames; floats, because thousands of fractions take longer than to read the file
     steps = np.diff(np.sort(known)) * float(tick * rate)
-    if np.mean(steps < MIN_STEP) > MAX_SHORT_SHARE:
+    if (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
         return 0
     return int(np.maximum(np.rint(steps) - 1, 0).sum())
 
