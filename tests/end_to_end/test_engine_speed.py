@@ -20,7 +20,7 @@ from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
-FPS, FRAMES, WARM_UP, ROUNDS = 25.0, 40, 8, 8
+FPS, FRAMES, WARM_UP, ROUNDS = 25.0, 40, 8, 5
 DRIVE = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3))
 PICTURES = [DRIVE.frame(frame / FPS) for frame in range(FRAMES)]
 

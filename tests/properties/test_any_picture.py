@@ -60,7 +60,7 @@ def assert_sound(lane: Lane | None, size: tuple[int, int]) -> None:
     assert "nan" not in repr(lane)
 
 
-@examples(30)
+@examples(24)
 @given(pictures())
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)
