@@ -20,7 +20,7 @@ from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
 from lanes.images import kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
+from lanes.video.reader import TURNED, inspect_turn, inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 MIN_VIEWS = 3
@@ -138,7 +138,7 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
 def _add_video(found: BoardDetections, name: str, path: Path) -> None:
     """Add the frames of a video in which the board is seen most differently."""
     step = max(1, inspect_video(path).frames // VIDEO_FRAMES)
-    quarter_turns = {1: 0, 8: 1, 3: 2, 6: 3}[inspect_turn(path)]
+    quarter_turns = TURNED.index(inspect_turn(path))
     looked = BoardDetections({}, found.pattern, {}, {})
     for frame in read_timed_frames(path):
         if frame.number % step == 0:

@@ -17,7 +17,7 @@ import numpy as np
 
 from lanes.camera import HFOV_RANGE_DEG
 from lanes.files import require_file
-from lanes.images import kind_of_file, read_orientation, upright_axes
+from lanes.images import kind_of_file, orientation_of, upright_axes
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
@@ -77,8 +77,9 @@ def read_hfov(still: str | Path) -> float | None:
         require_file(still, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
             entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
+            axes = upright_axes(orientation_of(image))
         named = {ExifTags.TAGS.get(key, ""): value for key, value in entries.items()}
-        upright_width = width if upright_axes(read_orientation(still))[0, 0] else height
+        upright_width = width if axes[0, 0] else height
         hfov_deg = float(np.degrees(2 * np.arctan(upright_width / 2 / _focal_length_px(named, width, height))))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None

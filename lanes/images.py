@@ -115,7 +115,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
         raise PictureError(f"{path}: cannot be decoded as a picture; save it again as JPEG or PNG.") from error
     if not upright:
         return image
-    (right_x, right_y), (down_x, down_y) = upright_axes(_orientation(picture))
+    (right_x, right_y), (down_x, down_y) = upright_axes(orientation_of(picture))
     image = image if right_x else image.swapaxes(0, 1)
     return np.ascontiguousarray(image[:: down_x + down_y, :: right_x + right_y])
 
@@ -131,12 +131,13 @@ def read_orientation(path: str | Path) -> int:
 
     try:
         with warnings.catch_warnings(action="ignore"), Image.open(path) as picture:
-            return _orientation(picture)
+            return orientation_of(picture)
     except Exception:  # damaged files make Pillow raise many types, and are refused where they are decoded
         return 1
 
 
-def _orientation(picture: Any) -> int:
+def orientation_of(picture: Any) -> int:
+    """The EXIF orientation of a picture that Pillow has opened, 1 to 8; 1 if it has none."""
     # OpenCV and Pillow turn a TIFF themselves.
     orientation = 1 if picture.format == "TIFF" else picture.getexif().get(0x0112, 1)
     return orientation if orientation in _UPRIGHT_AXES else 1

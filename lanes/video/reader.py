@@ -44,6 +44,8 @@ CLOCK_RESET_S = 0.25
 MAX_PIXEL_ASPECT = 4
 # Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
 MAX_BOXES = 100_000
+# EXIF orientations of images that need 0 to 3 quarter turns to the left to be upright.
+TURNED = (1, 8, 3, 6)
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
@@ -149,7 +151,7 @@ def inspect_turn(path: str | Path) -> int:
     """The EXIF orientation that a video's display matrix stands for: 1, 3, 6 or 8."""
     with open_video(path) as container:
         frame = next(decode_frames(container, container.streams.video[0]), None)
-        return 1 if frame is None else (1, 8, 3, 6)[_quarter_turns(frame)]
+        return 1 if frame is None else TURNED[_quarter_turns(frame)]
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
