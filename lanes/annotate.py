@@ -18,13 +18,14 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
-from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose
+from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
@@ -397,5 +398,10 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
         if not alone:
             image, began_s = read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
-        detection = pose.still if pose and pose.still else detect_still(image, camera)
-        yield StillResult(path, image, detection, pose, 1e3 * (time.perf_counter() - began_s))
+        detection, of_still = pose.still if pose and pose.still else detect_still(image, camera), pose
+        if pose and not alone and detection.confidence < LIKELY_CONFIDENCE:
+            # The pose of the others may not be that of this still.
+            own = estimate_pose(image, settings.camera_for((width, height), path))
+            if own.still and own.still.confidence > detection.confidence:
+                detection, of_still = own.still, own
+        yield StillResult(path, image, detection, of_still, 1e3 * (time.perf_counter() - began_s))

@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain, islice
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -273,7 +274,7 @@ def _with_height_of_lanes(estimate: PoseEstimate, images: list[np.ndarray]) -> P
     log_std = estimate.height_std_m / estimate.pose.height_m
     some = images[:: -(-len(images) // LANES_FOR_HEIGHT)]
     found = [detect_with_own_pose(image, estimate.camera, log_std) for image in some]
-    best = max(found, key=lambda still: still.lane.confidence if still.lane else 0.0)
+    best = max(found, key=attrgetter("confidence"))
     height_m = best.camera.require_pose().height_m
     pose = replace(estimate.pose, height_m=height_m)
     return replace(estimate, camera=estimate.camera.with_pose(pose), height_std_m=log_std * height_m)

@@ -56,6 +56,11 @@ class StillDetection:
         """The camera with the pose that the lane was found with."""
         return self.evidence.view.camera
 
+    @property
+    def confidence(self) -> float:
+        """Confidence of the lane; 0 without one."""
+        return self.lane.confidence if self.lane else 0.0
+
 
 def find_lane(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.

@@ -1,11 +1,12 @@
-"""Samples for `tools.train_marking_network`: rendered pictures whose visible paint is known for each cell of the view.
+"""Samples for `tools.train_marking_network`: rendered pictures whose lines and borders are known in each cell.
 
 Each picture is a random moment of a variant of a scene of the suite, taken with a random camera. It is rendered twice,
-with and without its lane lines: where the first is clearly lighter or yellower is visible paint. Botts' dots are
-labelled like the dashes that they stand for, so that the network learns to connect them. Joints beside the lines and
-pale streaks along the road are added, which are no paint. The picture is then reduced, exposed, blurred or sharpened,
-and compressed at random, and its bird's-eye view has a small pose error. Pictures without a road are added
-(`tests.support.not_roads`).
+with and without its lane lines: where the first is clearly lighter or yellower is visible paint. Cells of a line that
+is worn off or hidden there are labelled as paint near visible paint of the same line, so that the network learns to
+connect it; Botts' dots stand for the dashes that they replace. In a part of the pictures the outer line of the lane is
+replaced by the edge of the pavement: a kerb, gravel, grass or a barrier. Joints beside the lines and pale streaks along
+the road are added, which are no paint. The picture is then reduced, exposed, blurred or sharpened, and compressed at
+random, and its bird's-eye view has a small pose error. Pictures without a road are added (`tests.support.not_roads`).
 """
 
 from __future__ import annotations
@@ -20,17 +21,23 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import NETWORK, finer_view
 from lanes.detect.paint import lightness, yellowness
 from lanes.errors import CameraError
+from simulator.objects.scene_objects import PlacedWall
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.road.markings import Marking
+from simulator.road.ground import Ground, cast_on_ground, pixel_rays
+from simulator.road.markings import Marking, paint_coverage
+from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
 from simulator.scenes.suite import SUITE
 from simulator.scenes.variants import vary_drive
 from tests.support.not_roads import KINDS, not_a_road
 
+# Pictures of one variant of a scene, which share its landscape: painting it takes longer than a picture. Numbers of the
+# variants: the benchmark's are smaller.
+PICTURES_PER_DRIVE, FIRST_VARIANT = 6, 1000
 # Random cameras.
 SIZES = ((640, 360), (640, 480), (854, 480), (960, 540))
-HEIGHT_M, HFOV_DEG, ANGLE_STD_DEG = (1.1, 2.1), (50.0, 80.0), (3.0, 2.0, 0.7)
+HEIGHT_M, HFOV_DEG, ANGLE_STD_DEG = (1.0, 2.6), (45.0, 90.0), (3.0, 2.0, 0.7)
 # Standard deviations of the errors of pitch, yaw and roll, and of the logarithm of the height, of the view.
 POSE_ERROR_DEG, HEIGHT_ERROR = (0.6, 1.0, 0.3), 0.05
 # One of this number of pictures has no road.
@@ -39,9 +46,18 @@ NO_ROAD_EVERY = 10
 # Share of the pictures with another pavement; range of the factors of wear.
 REPAVED_SHARE, WEAR = 0.4, (0.6, 1.8)
 PAVEMENTS = tuple(name for name in MATERIALS if name not in ("dirt", "paint"))
-# Largest wear of Botts' dots; of the dashes that they are labelled as; and the rows and columns around a visible dot
-# whose cells of a dash count as visible.
-BOTTS_WEAR, LABEL_WEAR, AROUND_DOT = 0.3, 0.05, (9, 5)
+# Largest wear of Botts' dots. Rows and columns around visible paint whose cells of a line count as paint.
+BOTTS_WEAR, AROUND_PAINT = 0.3, (21, 5)
+# Share of the lines that are nearly worn off, and their wear; share of those with a stretch without paint, its length.
+WORN_SHARE, WORN, GAP_SHARE, GAP_M = 0.15, (0.5, 0.95), 0.15, (4.0, 25.0)
+# Share of the pictures in which the pavement ends at a line of the lane; distance of its edge outside that line; width
+# of the gravel beside it; brightness of the verge; and what stands at the edge.
+BORDER_SHARE, BORDER_OUTSIDE_M, GRAVEL_M, VERGE_TINT = 0.4, (-0.2, 0.4), (0.0, 1.5), (0.7, 1.6)
+BORDER_WALLS = ("kerb", "kerb", "kerb", "", "", "", "jersey", "parapet")
+# Half width of the strip that is labelled as border.
+BORDER_HALF_WIDTH_M = 0.12
+# Share of the pictures with a wiper across, and with a caption.
+WIPER_SHARE, CAPTION_SHARE = 0.07, 0.07
 # Joints of slabs beside the lines: ranges of the distance from the line, width and strength; width of tar seams.
 JOINT_GAP_M, JOINT_WIDTH_M, JOINT_STRENGTH, TAR_SEAM_WIDTH_M = (0.02, 0.3), (0.01, 0.04), (0.3, 0.9), (0.01, 0.12)
 # Largest number of streaks along the road; ranges of position, width, soft edge, and colour relative to the pavement.
@@ -53,6 +69,8 @@ PAINT_FROM = 0.5
 # Difference of both pictures, in grey levels and relative to the largest one nearby (columns): paint has at least the
 # first, everything else less than the second; what lies between is not counted.
 PAINT_LEVELS, NO_PAINT_LEVELS, PAINT_SHARE, NO_PAINT_SHARE, NEARBY = 4.0, 2.0, 0.5, 0.25, 9
+# Smallest share of a pixel, of 255, that a line or a border covers.
+MIN_SHARE = 20
 # Columns: the gap of a double line is labelled as paint, because the fit follows the centre of both stripes.
 CLOSED = 7
 # Label of cells that are not counted.
@@ -82,9 +100,9 @@ VARIETIES = (
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Finer view (fine rows, columns, 3) uint8 of a picture; label (rows, columns) uint8: 1 paint, 0 none, 255 open.
+    """Finer view (fine rows, columns, 3) uint8 of a picture; labels (2, rows, columns) uint8: 1 yes, 0 no, 255 open.
 
-    `focal_px` is that of the picture.
+    The labels are those of paint and of borders. `focal_px` is that of the picture.
     """
 
     fine_image: np.ndarray
@@ -104,15 +122,17 @@ def take_sample(number: int) -> Sample | None:
 
 
 def _of_scene(number: int, variety: Variety, rng: np.random.Generator) -> Sample:
-    scene = list(SUITE.values())[number % len(SUITE)]
-    camera = draw_camera(rng)
-    drive = vary_drive(scene.drive(), int(rng.integers(1000, 10_000)))
-    markings, surface = draw_markings(drive, variety, rng), draw_surface(drive.surface, rng)
-    surface = replace(surface, seams=surface.seams + draw_seams(markings, surface, variety, rng))
+    place, camera = number // PICTURES_PER_DRIVE, draw_camera(rng)
+    scene = list(SUITE.values())[place % len(SUITE)]
+    drive = vary_drive(scene.drive(), FIRST_VARIANT + place)
     if drive.exposure is None:
         # an exposure that adapts to the lines changes the noise, too, so that more cells would be left open
         drive = replace(drive, lens=replace(drive.lens, adaptation=0.0))
-    drive = replace(drive, camera=camera, bonnet=bool(rng.random() < 0.2), markings=markings, surface=surface)
+    drive = replace(drive, camera=camera, bonnet=bool(rng.random() < 0.2), surface=draw_surface(drive.surface, rng))
+    drive = with_border(drive, rng)
+    markings = draw_markings(drive, variety, rng)
+    seams = drive.surface.seams + draw_seams(markings, drive.surface, variety, rng)
+    drive = replace(drive, surface=replace(drive.surface, seams=seams))
     time_s = rng.uniform(0, scene.seconds)
     view = BirdsEyeView(with_pose_error(drive.camera_at(time_s), rng))
     fine = finer_view(view)
@@ -120,14 +140,46 @@ def _of_scene(number: int, variety: Variety, rng: np.random.Generator) -> Sample
     def picture_of(markings: tuple[Marking, ...]) -> np.ndarray:
         return render_frame(replace(drive, markings=markings), time_s).image
 
-    with_lines, bare = picture_of(markings), fine.warp(picture_of(without_paint(markings)))
-    label = label_cells(fine.warp(with_lines), bare)
-    if any(m.botts for m in markings):
-        label = connect_dots(label, label_cells(fine.warp(picture_of(as_dashes(markings))), bare))
-    label[~view.seen] = UNKNOWN
-    picture, scaled = degrade(with_lines, variety, rng)
+    with_lines = picture_of(with_gaps(markings, drive.motion.pose(time_s).s_m, rng))
+    visible = label_cells(fine.warp(with_lines), fine.warp(picture_of(without_paint(markings))))
+    where = fine.warp(_mark_ground(drive, markings, time_s))
+    lines, borders = (_strongest(where[..., k]) for k in (0, 1))
+    labels = np.stack([connect_paint(visible, lines), borders.astype(np.uint8)])
+    labels[1][~borders & (cv2.dilate(borders.view(np.uint8), np.ones((1, 5), np.uint8)) > 0)] = UNKNOWN
+    labels[:, ~view.seen] = UNKNOWN
+    picture, scaled = degrade(with_overlay(with_lines, rng), variety, rng)
     small = finer_view(BirdsEyeView(view.camera.scaled(scaled)))
-    return Sample(small.warp(picture), label, small.focal_px)
+    return Sample(small.warp(picture), labels, small.focal_px)
+
+
+def _mark_ground(drive: Drive, markings: tuple[Marking, ...], time_s: float) -> np.ndarray:
+    """Picture (height, width, 3) uint8: share of each pixel that fresh lines cover, and that borders cover."""
+    truth = drive.truth(time_s)
+    camera = drive.camera_at_pitch(truth.pitch_rad)
+    ground = cast_on_ground(pixel_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
+    edges = drive.surface.left_edge_m, drive.surface.right_edge_m, *(drive.surface.opposite_m or ())
+    borders = tuple(Marking(edge_m, 2 * BORDER_HALF_WIDTH_M) for edge_m in edges)
+    lines = tuple(replace(m, botts=False) for m in markings if max(m.colour) >= PAINT_FROM)
+    shares = [_coverage(some, ground, truth.pose.s_m) for some in (lines, borders)]
+    picture = np.zeros((camera.height, camera.width, 3), np.uint8)
+    picture[ground.top :, :, :2] = np.rint(255 * np.stack(shares, axis=-1))
+    return picture
+
+
+def _coverage(markings: tuple[Marking, ...], ground: Ground, station_m: float) -> np.ndarray:
+    """Largest share (rows, width) of each pixel of the ground that one of the markings covers."""
+    share = np.zeros(ground.d.shape, np.float32)
+    for marking in markings:
+        pixels, covered = paint_coverage(marking, ground, station_m=station_m)
+        np.maximum.at(share.ravel(), pixels, np.clip(covered, 0, 1))
+    return share
+
+
+def _strongest(share: np.ndarray) -> np.ndarray:
+    """(rows, columns) bool: cells in the middle of a strip, from its share (fine rows, columns) uint8."""
+    share = share.reshape(-1, NETWORK.fine_rows, share.shape[1]).max(axis=1).astype(np.float32)
+    nearby = cv2.dilate(share, np.ones((1, NEARBY), np.uint8))
+    return (share >= PAINT_SHARE * nearby) & (share > MIN_SHARE)
 
 
 def _without_road(number: int, variety: Variety, rng: np.random.Generator) -> Sample:
@@ -136,7 +188,60 @@ def _without_road(number: int, variety: Variety, rng: np.random.Generator) -> Sa
     picture, size = degrade(image, variety, rng)
     view = BirdsEyeView(Camera.from_fov(size, rng.uniform(*HFOV_DEG), pose))
     label = np.where(view.seen, 0, UNKNOWN).astype(np.uint8)
-    return Sample(finer_view(view).warp(picture), label, view.focal_px)
+    return Sample(finer_view(view).warp(picture), np.stack([label, label]), view.focal_px)
+
+
+def with_border(drive: Drive, rng: np.random.Generator) -> Drive:
+    """The drive, or one in which the pavement ends at a line of the lane instead of being painted there."""
+    if rng.random() > BORDER_SHARE or not drive.line_laterals_m:
+        return drive
+    side = rng.choice([-1, -1, 1])
+    line_m = drive.line_laterals_m[0 if side > 0 else -1]
+    edge_m = float(line_m + side * rng.uniform(*BORDER_OUTSIDE_M))
+
+    def is_inside(lateral_m: float, margin_m: float = 0.0) -> bool:
+        return side * (edge_m - lateral_m) > margin_m
+
+    markings = tuple(m for m in drive.markings if is_inside(m.lateral_m, 1.0))
+    kept = tuple(
+        o for o in drive.objects if not isinstance(o, PlacedWall) or is_inside(o.lateral_m) or o.kind == "bank"
+    )
+    wall = BORDER_WALLS[rng.integers(len(BORDER_WALLS))]
+    walls = (PlacedWall(edge_m, wall, seed=int(rng.integers(100))),) if wall else ()
+    edge = {"left_edge_m": edge_m, "opposite_m": None} if side > 0 else {"right_edge_m": edge_m}
+    tint = tuple((rng.uniform(*VERGE_TINT) * rng.uniform(0.9, 1.1, 3)).tolist())
+    surface = replace(drive.surface, gravel_m=rng.uniform(*GRAVEL_M), verge_tint=tint, **edge)
+    return replace(drive, markings=markings, surface=surface, objects=kept + walls)
+
+
+def with_gaps(markings: tuple[Marking, ...], station_m: float, rng: np.random.Generator) -> tuple[Marking, ...]:
+    """The markings; some of them have a stretch without paint ahead of the car at arc length `station_m`."""
+    parts: list[Marking] = []
+    for marking in markings:
+        if rng.random() > GAP_SHARE or marking.slope:
+            parts.append(marking)
+            continue
+        start_m = station_m + rng.uniform(3, 30)
+        end_m = start_m + rng.uniform(*GAP_M)
+        parts += [
+            replace(marking, end_m=min(marking.end_m, start_m)),
+            replace(marking, start_m=max(marking.start_m, end_m)),
+        ]
+    return tuple(m for m in parts if m.start_m < m.end_m)
+
+
+def with_overlay(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """The picture, sometimes with a dark wiper across or a bright caption."""
+    height, width = image.shape[:2]
+    image = image.copy()
+    if rng.random() < WIPER_SHARE:
+        ends = rng.integers([-width // 2, height, 0, height // 4], [width, height + 200, 2 * width, height])
+        cv2.line(image, ends[:2].tolist(), ends[2:].tolist(), (12, 12, 14), int(rng.integers(6, 30)), cv2.LINE_AA)
+    if rng.random() < CAPTION_SHARE:
+        place = rng.integers([0, height // 2], [width // 2, height])
+        words, colour = "".join(rng.choice(list("ABC DEF 0123"), 8)), rng.integers(120, 256, 3).tolist()
+        cv2.putText(image, words, place.tolist(), cv2.FONT_HERSHEY_SIMPLEX, rng.uniform(0.5, 2), colour, 2, cv2.LINE_AA)
+    return image
 
 
 def draw_camera(rng: np.random.Generator) -> Camera:
@@ -151,7 +256,8 @@ def draw_markings(drive: Drive, variety: Variety, rng: np.random.Generator) -> t
     markings = []
     for marking in drive.markings:
         botts = marking.botts or (some_botts and marking.dashed)
-        wear = min(marking.wear * rng.uniform(*WEAR), BOTTS_WEAR if botts else 1.0)
+        wear = rng.uniform(*WORN) if rng.random() < WORN_SHARE else marking.wear * rng.uniform(*WEAR)
+        wear = min(wear, BOTTS_WEAR if botts else 1.0)
         width_m = marking.width_m * rng.uniform(*variety.width)
         markings.append(replace(marking, wear=wear, width_m=width_m, botts=botts))
     return tuple(markings)
@@ -160,11 +266,6 @@ def draw_markings(drive: Drive, variety: Variety, rng: np.random.Generator) -> t
 def without_paint(markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
     """The markings that are painted over or ground off."""
     return tuple(marking for marking in markings if max(marking.colour) < PAINT_FROM)
-
-
-def as_dashes(markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
-    """The markings, with fresh dashes in place of Botts' dots."""
-    return tuple(replace(m, botts=False, wear=min(m.wear, LABEL_WEAR)) if m.botts else m for m in markings)
 
 
 def draw_seams(
@@ -220,12 +321,14 @@ def label_cells(with_lines: np.ndarray, without: np.ndarray) -> np.ndarray:
     return label
 
 
-def connect_dots(label: np.ndarray, dashes: np.ndarray) -> np.ndarray:
-    """The label (rows, columns) with the paint of the label `dashes` near visible dots, unknown elsewhere."""
-    visible = cv2.dilate((label == 1).view(np.uint8), np.ones(AROUND_DOT, np.uint8)) > 0
-    connected = label.copy()
-    connected[(label != 1) & (dashes != 0)] = UNKNOWN
-    connected[visible & (dashes == 1)] = 1
+def connect_paint(visible: np.ndarray, lines: np.ndarray) -> np.ndarray:
+    """The label (rows, columns) of visible paint, with the cells of `lines` near it; unknown in their other cells."""
+    near = cv2.dilate((visible == 1).view(np.uint8), np.ones(AROUND_PAINT, np.uint8)) > 0
+    connected = visible.copy()
+    # the colour of a line is blurred more widely than the line
+    beside = cv2.dilate(lines.view(np.uint8), np.ones((1, 5), np.uint8)) == 0
+    connected[((visible != 1) & lines) | ((visible == 1) & beside)] = UNKNOWN
+    connected[near & lines] = 1
     return connected
 
 

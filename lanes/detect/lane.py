@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 # States of a lane: detected in a single image; tracked, but not yet confirmed; tracked; predicted while not seen.
 FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasting"
+# Kind of a line without paint.
+ROAD_EDGE = "road edge"
 # In the telemetry: no lane is known.
 LOST = "lost"
 # Default arc lengths of an outline: from below the image to the horizon.
@@ -53,11 +55,14 @@ class LineEvidence:
         Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
     reach_m : float
         Distance of the farthest marking on it.
+    edge : bool
+        Whether it is an edge of the road without paint: a kerb, or where the pavement ends.
     """
 
     support: float = 0.0
     seen: bool = False
     reach_m: float = 0.0
+    edge: bool = False
     # Number of visible rows, None if not counted yet; latest cross-section; votes on the type. The tracker carries them
     # on from frame to frame.
     rows: int | None = None
@@ -66,18 +71,18 @@ class LineEvidence:
 
     @property
     def kind(self) -> str | None:
-        """ "solid" or "dashed"; None if not seen well enough."""
-        return self.votes.kind
+        """ "solid", "dashed" or "road edge"; None if not seen well enough."""
+        return ROAD_EDGE if self.edge else self.votes.kind
 
     @property
     def double(self) -> bool | None:
-        """Whether the line has two stripes side by side; None if not seen well enough."""
-        return self.votes.double
+        """Whether the line has two stripes side by side; None if not seen well enough, and of an edge of the road."""
+        return None if self.edge else self.votes.double
 
     @property
     def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough."""
-        return self.votes.colour
+        """ "white" or "yellow"; None if not seen well enough, and of an edge of the road."""
+        return None if self.edge else self.votes.colour
 
     @property
     def double_profile(self) -> MarkingProfile | None:

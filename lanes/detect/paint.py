@@ -87,6 +87,8 @@ class Stripes:
     # Standard deviations of lateral position, metres, and direction.
     std_m: np.ndarray
     angle_std_rad: np.ndarray
+    # Whether it is an edge of the road (kerb, gravel, grass), not paint.
+    edge: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -94,6 +96,10 @@ class Stripes:
     def select(self, which: np.ndarray) -> Stripes:
         """The stripes that `which` (bool or index) picks."""
         return Stripes(*(getattr(self, f.name)[which] for f in fields(self)))
+
+    def joined(self, other: Stripes) -> Stripes:
+        """These stripes, then the others."""
+        return Stripes(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -212,7 +218,8 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintS
     angle = _stripe_angle(strength, row, column, step, settings.coarse_columns)
     weight = strength_weight(strength[row, column], settings)
     std_m = np.hypot(settings.position_std_m, settings.position_std_px * x_m / view.focal_px)
-    return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(row), settings.angle_std_rad))
+    angle_std_rad, edge = np.full(len(row), settings.angle_std_rad), np.zeros(len(row), bool)
+    return Stripes(row, x_m, y_m, angle, step, weight, std_m, angle_std_rad, edge)
 
 
 def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:

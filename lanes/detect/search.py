@@ -14,7 +14,6 @@ from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.line_type import MarkingProfile, marking_profile
 from lanes.detect.paint import FrameEvidence, PaintSettings
-from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, is_ego_lane
 from lanes.detect.votes import VoteSettings, vote_lanes
 
@@ -80,13 +79,14 @@ def lane_score(lines: Sequence[LineEvidence]) -> float:
 
 def clear_share(fit: Fit) -> float:
     """Of the stripes along the fitted lane, on its lines and between them, the share on its lines, 0 to 1."""
-    stripes = fit.stripes.select(fit.stripes.x_m < BETWEEN_FAR_M)
-    residuals = stripe_residuals(fit.lanes, stripes, fit.view.height_m)
-    side, weight = residuals.side[0], stripes.weight
-    of_lane = np.isin(side, SIDES)
-    between = of_lane & (-side * residuals.residual_m[0] > BETWEEN_M)
-    between_weight = float(weight @ (between * residuals.weights(np.array(np.inf))[0]))
-    on_lines = BETWEEN_STRIPES + float(weight @ (of_lane * residuals.weights(stripes.std_m)[0]))
+    residual_m, near = fit.residuals.residual_m[0], fit.stripes.x_m < BETWEEN_FAR_M
+    side = fit.residuals.side[0]
+    of_lane = near & (np.abs(side) == 1)
+    between = of_lane & (-side * residual_m > BETWEEN_M)
+    # stripes that run across the lane do not count
+    along = fit.residuals.weights(np.full(len(side), np.inf))[0]
+    between_weight = float(fit.stripes.weight @ (between * along))
+    on_lines = BETWEEN_STRIPES + float(fit.weight[0] @ of_lane)
     return on_lines / (on_lines + between_weight)
 
 
@@ -109,7 +109,7 @@ def observe_lines(
         profile, votes = line.profile, line.votes
         if k in profiles_of:
             # over the rows with stripes on the line
-            marked = fit.stripes.row[fit.members[0, k]]
+            marked = fit.stripes.row[fit.members[0, k] & ~fit.stripes.edge]
             line_y_m = np.full(len(fit.view.x_m), np.nan)
             line_y_m[marked] = fit.lines_y_m[0, k, marked]
             profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
@@ -117,7 +117,8 @@ def observe_lines(
         votes = votes.add_gaps(fit.stripes.x_m[fit.members[0, k]])
         support = float(fit.marked_rows[0, k] / rows[k])
         seen = support >= fit.settings.min_support
-        lines.append(LineEvidence(support, seen, float(fit.reach_m[0, k]), rows[k], profile, votes))
+        edge = bool(fit.stripes.edge[fit.members[0, k]].mean() > 0.5) if fit.members[0, k].any() else False
+        lines.append(LineEvidence(support, seen, float(fit.reach_m[0, k]), edge, rows[k], profile, votes))
     return lines[0], lines[1]
 
 
