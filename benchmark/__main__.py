@@ -135,6 +135,8 @@ def _score_labelled(options: argparse.Namespace) -> None:
             width_px = tusimple.picture_width_px(options.labels.parent / label.name)
             scores += tusimple.score_lines(label, found, width_px=width_px)
         print(stills.describe_labelled({options.predictions.name: scores}))
+        if official := tusimple.describe_all_lines(options.labels, options.predictions):
+            print(official)
     else:
         _score_systems_on_stills(labels, options)
     print(f"{len(labels)} stills; {tusimple.EGO_LANE_NOTE}")

@@ -180,11 +180,11 @@ class Annotate:
 
 
 class Detect:
-    """Write the columns of the two ego lane lines at given rows of the raw pictures, one JSON line per
-    picture: raw_file, h_samples, lanes (left, right; -2 for no point), run_time (ms), state, confidence,
-    offset_m (> 0: car left of the lane centre), curvature_per_m (> 0: bends left). If no camera file with
-    a camera pose is given, the pose is first estimated from each video and from the stills, with --each
-    from each still alone.
+    """Write the columns of the lane lines at given rows of the raw pictures, one JSON line per picture:
+    raw_file, h_samples, lanes (left, right, then the far lines of adjacent lanes that are seen; -2 for no
+    point), sides (the name of each line), run_time (ms), state, confidence, offset_m (> 0: car left of the
+    lane centre), curvature_per_m (> 0: bends left). If no camera file with a camera pose is given, the
+    pose is first estimated from each video and from the stills, with --each from each still alone.
     """
 
     SUMMARY = "write the lines of the ego lane in stills and videos as TuSimple JSON lines"

@@ -1,8 +1,11 @@
-"""Detections of the two ego lane lines in pixels of the raw images, as TuSimple JSON lines.
+"""Detections of the lane's lines in pixels of the raw images, as TuSimple JSON lines.
 
-One JSON object per image, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the left, then
-of the right line; -2 for no point) and `run_time` (milliseconds). Additional keys: `state`, `confidence`, `offset_m`,
+One JSON object per image, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the lines; -2
+for no point) and `run_time` (milliseconds). Additional keys: `sides`, `state`, `confidence`, `offset_m`,
 `curvature_per_m`, and `frame` for videos.
+
+The first two lines are the left and the right one of the ego lane. Far lines of adjacent lanes follow only if they are
+seen, because TuSimple counts a line without points as a false positive; `sides` names each line.
 """
 
 from __future__ import annotations
@@ -15,7 +18,7 @@ import numpy as np
 
 from lanes.annotate import DriveSettings, detect_stills, prepare_drive, track, track_frames
 from lanes.camera import Camera
-from lanes.detect.lane import LOST, Lane
+from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.errors import LaneError
 from lanes.files import write_atomically
 from lanes.images import read_image
@@ -73,9 +76,13 @@ def as_detection(lane: Lane | None, camera: Camera, rows: Sequence[int] | np.nda
     """The detection in one image, without the file's name."""
     rows = np.asarray(rows)
     lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.columns(camera, rows)
+    adjacent = lane.adjacent if lane else (None, None)
+    far = {f"far {side}": line for side, line in zip(("left", "right"), adjacent, strict=True) if line}
+    far_columns = columns_at(rows, [line.pixels(camera) for line in far.values()], camera)
     return {
         "h_samples": rows.tolist(),
-        "lanes": np.round(lanes, 1).tolist(),
+        "lanes": np.round(np.vstack([lanes, far_columns]), 1).tolist(),
+        "sides": ["left", "right", *far],
         "run_time": round(run_time_ms, 2),
         "state": lane.state if lane else LOST,
         "confidence": round(lane.confidence, 4) if lane else 0.0,

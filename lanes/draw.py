@@ -10,6 +10,8 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.canvas import (
+    FAR_LEFT_COLOUR,
+    FAR_RIGHT_COLOUR,
     LANE_COLOUR,
     LEFT_COLOUR,
     PANEL_COLOUR,
@@ -83,6 +85,9 @@ def draw_lane(
             blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, 0.3, edge=cv2.LINE_8)
         for points, line, colour in zip(outlines, lane.lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
             draw_polyline(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
+        for far, colour in zip(lane.adjacent, (FAR_LEFT_COLOUR, FAR_RIGHT_COLOUR), strict=True):
+            if far:
+                draw_polyline(drawn, far.seen_pixels(camera), colour, camera.width / INFERRED_PX)
     put_text(drawn, describe_lane(lane))
     return _mosaic(image, drawn, lane, camera, evidence) if style == "mosaic" else drawn
 

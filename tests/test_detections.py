@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +12,13 @@ import pytest
 from PIL import ExifTags, Image
 
 from lanes.camera import Camera, CameraPose, save_camera
+from lanes.detect.lane import LineEvidence
+from lanes.detections import as_detection
 from lanes.images import write_image
+from lanes.stills import find_lane
 from lanes.video.writer import VideoWriter
 from simulator.rendering.drive import Motion
+from simulator.road.geometry import line_lateral
 from tests.support.clips import write_clip
 from tests.support.command_line import main
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -53,11 +58,28 @@ def detect(folder, tmp_path, capsys):
 def require_true_columns(detection: dict, frame: int, tolerance_px: float = 3) -> None:
     truth = DRIVE.truth(frame / 25)
     x = np.geomspace(2, 100, 400)
-    for side, columns in enumerate(detection["lanes"]):
+    for side, columns in enumerate(detection["lanes"][:2]):
         u, v = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)])).T
         true = np.interp(ROWS, v[::-1], u[::-1])
         inside = (true > 5) & (true < 635)
         assert np.abs(np.array(columns) - true)[inside].max() < tolerance_px
+
+
+def test_a_far_line_that_is_seen_follows_the_lines_of_the_lane():
+    """The dashed line 5.4 m to the right of the reference line, said to be seen up to 30 m."""
+    lane = replace(find_lane(DRIVE.frame(0.0), SMALL), far_evidence=(None, LineEvidence(0.2, True, 30.0)))
+    rows = np.arange(185, 351, 3)
+    detection = as_detection(lane, SMALL, rows, 1.0)
+    assert detection["sides"] == ["left", "right", "far right"] and len(detection["lanes"]) == 3
+    columns, x = np.array(detection["lanes"][2]), np.linspace(30.0, 5.0, 100)
+    u, v = SMALL.road_to_pixels(np.column_stack([x, line_lateral(DRIVE.road, DRIVE.pose(0.0), -5.4, x)])).T
+    inside = (rows > v[0] + 1) & (np.interp(rows, v, u) < 635)
+    above = rows < v[0] - 1
+    assert inside.sum() > 3 and (columns[inside] >= 0).all()
+    assert above.sum() > 3 and (columns[above] == -2).all()
+    np.testing.assert_allclose(columns[inside], np.interp(rows, v, u)[inside], atol=3)
+    blind = as_detection(replace(lane, far_evidence=(None, None)), SMALL, rows, 1.0)
+    assert blind["sides"] == ["left", "right"] and blind["lanes"] == detection["lanes"][:2]
 
 
 @pytest.mark.parametrize("sequence", [False, True])
@@ -117,7 +139,7 @@ def test_a_rescaled_camera_a_still_without_a_lane_and_an_unusable_one(folder, de
     assert status == 1 and re.search(r"error: .*cut\.png: cannot be decoded", err)
     require_true_columns(first, 0)
     assert (black["state"], black["confidence"], black["offset_m"]) == ("lost", 0.0, None)
-    assert black["lanes"] == [[-2.0] * len(ROWS)] * 2
+    assert black["lanes"] == [[-2.0] * len(ROWS)] * 2 and black["sides"] == ["left", "right"]
 
 
 def test_stills_of_different_cameras_have_a_pose_each(folder, detect, tmp_path):

@@ -9,6 +9,7 @@ import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.lane import LineEvidence
 from lanes.detect.paint import extract_evidence
 from lanes.draw import MOSAIC_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outlines, track_lane
 from lanes.errors import PictureError
@@ -47,6 +48,20 @@ def test_drawing_tints_the_lane_and_leaves_the_rest():
     assert drawn[v, u, 1] > drawn[v, u, 0] + 30
     u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -3.5]]))[0]).astype(int)
     np.testing.assert_array_equal(drawn[v, u], image[v, u])
+
+
+def test_a_far_line_is_drawn_thinly_as_far_as_it_is_seen():
+    image, lane = tracked_bends()
+    far = replace(lane, far_evidence=(None, LineEvidence(0.2, True, 25.0)))
+    changed = (draw_lane(image, far, SMALL) != draw_lane(image, lane, SMALL)).any(axis=2)
+    x = np.array([12.0, 18.0, 24.0, 30.0])
+    columns, rows = SMALL.road_to_pixels(np.column_stack([x, far.adjacent[1].y(x)])).T
+    drawn = [
+        np.flatnonzero(changed[row]) - column for column, row in zip(columns, rows.round().astype(int), strict=True)
+    ]
+    assert all(np.abs(across).min() < 2 for across in drawn[:3]) and not len(drawn[3])
+    # a thin line that rises to the left: 2 px, many columns in a row
+    assert changed.sum(axis=0).max() <= 5
 
 
 def test_drawing_on_the_picture_itself_gives_the_same():

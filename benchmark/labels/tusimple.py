@@ -6,8 +6,9 @@ these rows, -2 without a point). The rules are those of TuSimple's lane detectio
 are 1280 px wide; in others the tolerance is scaled with the width.
 
 The ego-lane variant differs from the official score: only the two lines of the ego lane count, left is compared with
-left and right with right, and only rows with a labelled point count. The official score also counts rows without one,
-as correct if the prediction has none either.
+left and right with right, and only rows with a labelled point count. The official score (`score_all_lines`) counts all
+lines, each label with its best prediction, and all rows: one without a labelled point is correct if the prediction has
+none either. A prediction that matches no label is a false positive, also one without points.
 """
 
 from __future__ import annotations
@@ -32,6 +33,11 @@ TOLERANCE_PX, MATCH_ACCURACY = 20.0, 0.85
 TUSIMPLE_WIDTH_PX = 1280
 # A line with fewer labelled points has no reliable direction and is not scored.
 MIN_POINTS = 4
+# The official score of a picture is 0 with more surplus predictions than this. Of five or more labelled lines, the
+# worst is left out.
+MAX_SURPLUS, MAX_LABELLED = 2, 4
+# TuSimple puts points that are missing here, so that they are far from all others.
+MISSING_PX = -100.0
 EGO_LANE_NOTE = (
     "ego-lane variant of TuSimple's score (two lines of the ego lane, labelled rows only), not the official score"
 )
@@ -39,9 +45,10 @@ EGO_LANE_NOTE = (
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
-    """The ego lane in a picture, labelled or predicted; `name` is `raw_file`, with / between its folders.
+    """The lines in a picture, labelled or predicted; `name` is `raw_file`, with / between its folders.
 
-    `columns` (2, R) are those of the left and right line at `rows` (R,), pixels; -2 without a point.
+    `columns` (K, R) are those of the lines at `rows` (R,), pixels; -2 without a point. Of the ego lane they are the
+    left and the right line.
     """
 
     name: str
@@ -49,11 +56,12 @@ class LaneColumns:
     columns: np.ndarray
 
     def at(self, rows: np.ndarray) -> np.ndarray:
-        """Columns (2, N) at rows (N,); -2 in rows that are not in `rows`."""
+        """Columns (K, N) at rows (N,); -2 in rows that are not in `rows`."""
         index = {row: k for k, row in enumerate(self.rows.tolist())}
         chosen = [index.get(row) for row in np.asarray(rows).tolist()]
-        columns = [np.full(2, NO_POINT) if k is None else self.columns[:, k] for k in chosen]
-        return np.array(columns).T.reshape(2, -1)
+        lines = len(self.columns)
+        columns = [np.full(lines, NO_POINT) if k is None else self.columns[:, k] for k in chosen]
+        return np.array(columns).T.reshape(lines, len(chosen))
 
 
 @dataclass(frozen=True)
@@ -97,6 +105,15 @@ def read_predictions(path: str | Path) -> list[LaneColumns]:
     return [_two_lines(entry, entry["lanes"]) for entry in _read_entries(path)]
 
 
+def read_all_lines(path: str | Path) -> list[LaneColumns]:
+    """All lines of each picture, labelled or predicted; ValueError and FileNotFoundError as for `read_labels`."""
+    lines = []
+    for entry in _read_entries(path):
+        rows, columns = (np.array(entry[name], float) for name in ("h_samples", "lanes"))
+        lines.append(LaneColumns(entry["raw_file"], rows, columns.reshape(len(columns), len(rows))))
+    return lines
+
+
 def pair_predictions(
     labels: Sequence[LaneColumns], predictions: Iterable[LaneColumns]
 ) -> list[tuple[LaneColumns, LaneColumns | None]]:
@@ -132,6 +149,41 @@ def score_lines(
     predicted = none if prediction is None else prediction.at(label.rows)
     tolerance_px = TOLERANCE_PX * width_px / TUSIMPLE_WIDTH_PX
     return [_score_line(label.rows, *lines, tolerance_px) for lines in zip(label.columns, predicted, strict=True)]
+
+
+def score_all_lines(
+    label: LaneColumns, prediction: LaneColumns | None, *, width_px: int = TUSIMPLE_WIDTH_PX
+) -> tuple[float, float, float]:
+    """TuSimple's official accuracy, FP and FN of a picture `width_px` wide; the time it took does not count."""
+    labelled, count = label.columns, max(min(len(label.columns), MAX_LABELLED), 1)
+    predicted = np.empty((0, len(label.rows))) if prediction is None else prediction.at(label.rows)
+    if len(predicted) > len(labelled) + MAX_SURPLUS:
+        return 0.0, 0.0, 1.0
+    tolerance_px = TOLERANCE_PX * width_px / TUSIMPLE_WIDTH_PX
+    there = np.where(predicted >= 0, predicted, MISSING_PX)
+    best = []
+    for line in labelled:
+        errors = np.abs(there - np.where(line >= 0, line, MISSING_PX))
+        best.append(np.mean(errors < tolerance_px / _cosine(label.rows, line), axis=1).max(initial=0.0))
+    matched = sum(accuracy >= MATCH_ACCURACY for accuracy in best)
+    missed, surplus = len(best) - matched, len(best) > MAX_LABELLED
+    accuracy = (sum(best) - surplus * min(best, default=0.0)) / count
+    false = (len(predicted) - matched) / len(predicted) if len(predicted) else 0.0
+    return float(accuracy), float(false), float(missed - (surplus and missed > 0)) / count
+
+
+def describe_all_lines(labels: Path, predictions: Path) -> str | None:
+    """TuSimple's official score of a file of predictions in words: the mean over all labelled pictures.
+
+    None if no more than the two lines of the ego lane are labelled: predicted far lines would count as wrong.
+    """
+    pairs = pair_predictions(read_all_lines(labels), read_all_lines(predictions))
+    if all(len(label.columns) <= 2 for label, _ in pairs):
+        return None
+    widths = [picture_width_px(labels.parent / label.name) for label, _ in pairs]
+    scores = [score_all_lines(*pair, width_px=width) for pair, width in zip(pairs, widths, strict=True)]
+    accuracy, false, missed = np.mean(scores, axis=0)
+    return f"official TuSimple score, all lines: accuracy {accuracy:.3f}, FP {false:.3f}, FN {missed:.3f}"
 
 
 def picture_is_right(label: LaneColumns, prediction: LaneColumns, *, width_px: int = TUSIMPLE_WIDTH_PX) -> bool | None:
@@ -171,12 +223,19 @@ def _score_line(rows: np.ndarray, label: np.ndarray, predicted: np.ndarray, tole
     labelled = label >= 0
     if labelled.sum() < MIN_POINTS:
         return LineScore(None, None, bool((predicted >= 0).any()))
-    # The angle is that of a straight line through the label, from the vertical: 1 / cos = sqrt(1 + slope^2).
-    slope = np.polyfit(rows[labelled], label[labelled], 1)[0]
     error = np.where(predicted >= 0, np.abs(predicted - label), np.inf)[labelled]
     finite = error[np.isfinite(error)]
-    accuracy = float(np.mean(error < tolerance_px * np.hypot(1, slope)))
+    accuracy = float(np.mean(error < tolerance_px / _cosine(rows, label)))
     return LineScore(accuracy, float(np.median(finite)) if len(finite) else None, bool((predicted >= 0).any()))
+
+
+def _cosine(rows: np.ndarray, label: np.ndarray) -> float:
+    """Cosine of the angle, from the vertical, of the straight line through a label; 1 with fewer than two points."""
+    labelled = label >= 0
+    if labelled.sum() < 2:
+        return 1.0
+    slope = np.polyfit(rows[labelled], label[labelled], 1)[0]
+    return 1 / float(np.hypot(1, slope))
 
 
 def _read_entries(path: str | Path) -> list[dict]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -10,7 +11,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std, html_table
-from lanes.detect.confidence import error_variance_factor, rate_lane
+from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, rate_lane
 from lanes.detect.line_type import MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
@@ -20,6 +21,7 @@ from lanes.detect.road import (
     SIDES,
     VERTICAL_CURVATURE,
     WIDTH,
+    adjacent_lane_matrix,
     lateral_std_m,
     line_coefficients,
     line_points,
@@ -90,6 +92,10 @@ class LineEvidence:
         return self.profile if self.profile and self.profile.double and self.votes.double else None
 
 
+# Of the far lines of the adjacent lanes to the left and right; None for a line that is not seen.
+FarEvidence = tuple[LineEvidence | None, LineEvidence | None]
+
+
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Line(LineEvidence):
     """One line of a lane: where it runs, how certain that is, and what is seen of it.
@@ -99,7 +105,7 @@ class Line(LineEvidence):
     side : float
         +1 for the left line, -1 for the right one.
     model, covariance : ndarray (15,), (15, 15)
-        Those of the lane.
+        Those of the lane; of a far line those of the adjacent lane.
     """
 
     side: float
@@ -138,6 +144,10 @@ class Line(LineEvidence):
         """
         return _outlines(self.model, np.array([self.side]), camera, along_m)[0]
 
+    def seen_pixels(self, camera: Camera) -> np.ndarray:
+        """`pixels` as far as markings are seen on the line, up to `reach_m`."""
+        return self.pixels(camera, along_m=np.geomspace(OUTLINE_M[0], max(self.reach_m, OUTLINE_M[0]), 40))
+
     def describe(self) -> str:
         """Words: lateral position beside the car, type, and the evidence."""
         side = "left" if self.offset_m > 0 else "right"
@@ -169,6 +179,8 @@ class Lane:
         Covariance of the parameters for the noise that the fit or the filter assumes; see `covariance`.
     evidence : (LineEvidence, LineEvidence)
         Of the left and the right line.
+    far_evidence : (LineEvidence or None, LineEvidence or None)
+        Of the far lines of the adjacent lanes to the left and to the right; see `adjacent`.
     score : float
         Sum of the square roots of the lines' supports.
     inlier_share : float
@@ -204,6 +216,7 @@ class Lane:
     camera_yaw_rad: float | None = None
     motion: CarMotion | None = None
     departure: Departure | None = field(default=None, repr=False)
+    far_evidence: FarEvidence = (None, None)
 
     @property
     def tracked(self) -> bool:
@@ -292,6 +305,26 @@ class Lane:
         """The right line."""
         return self.lines[1]
 
+    @cached_property
+    def adjacent(self) -> tuple[Line | None, Line | None]:
+        """The far lines of the adjacent lanes to the left and to the right; None for a line that is not seen.
+
+        A lane that is uncertain or predicted has none. A tracker sees them in its searches, once a second; in between
+        `reach_m` is the end of what was seen. Type and support are those of one image.
+        """
+        stated = self.state != COASTING and self.confidence >= LIKELY_CONFIDENCE
+        left, right = (
+            self._far_line(side, evidence) if stated and evidence else None
+            for side, evidence in zip(SIDES, self.far_evidence, strict=True)
+        )
+        return left, right
+
+    def _far_line(self, side: float, evidence: LineEvidence) -> Line:
+        # from the centres of double lines, as they were fitted
+        to_adjacent = adjacent_lane_matrix(side)
+        covariance = to_adjacent @ self.covariance @ to_adjacent.T
+        return Line(side=side, model=to_adjacent @ self.centres, covariance=covariance, **vars(evidence))
+
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
         """Lateral positions (2, N) of the left and right line at distances (N,), metres; as `Line.y`."""
         return np.array([line.y(x_m) for line in self.lines])
@@ -306,11 +339,7 @@ class Lane:
 
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
-        columns = np.full((2, len(rows)), -2.0)
-        for column, outline in zip(columns, self.outlines(camera), strict=True):
-            if len(outline):
-                column[:] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
-        return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
+        return columns_at(rows, self.outlines(camera), camera)
 
     def summary(self) -> dict[str, str]:
         """State, confidence, offset, bend, heading, width, lines, speed and warning in words, by name."""
@@ -340,6 +369,15 @@ class Lane:
         return html_table("Lane", self.summary())
 
 
+def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
+    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass."""
+    columns = np.full((len(outlines), len(rows)), -2.0)
+    for column, outline in zip(columns, outlines, strict=True):
+        if len(outline):
+            column[:] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
+    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
+
+
 def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     """Telemetry of a frame, by column name; None where the lane is lost."""
     row: dict[str, str | float | None] = {"state": lane.state if lane else LOST}
@@ -353,6 +391,8 @@ def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
             row[f"{side}_{name}"] = line.coefficients[order] if line else None
         for name in ("kind", "colour", "double"):
             row[f"{side}_{name}"] = getattr(line, name, None)
+    for side, far in zip(("left", "right"), lane.adjacent if lane else (None, None), strict=True):
+        row[f"far_{side}_c0_m"] = far.offset_m if far else None
     row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
     return row
 
@@ -369,8 +409,11 @@ def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.
 
 
 def _visible_part(pixels: np.ndarray) -> np.ndarray:
-    """The points (N, 2) of a line, nearest first, while they rise in the image; NaN at the beginning is left out."""
+    """The points (N, 2) of a line, nearest first, while they rise in the image, without NaN at the beginning."""
     pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
+    # the border of a lens shows the beginning of a far line above its continuation
+    falls = np.append(pixels[1:, 1] >= pixels[:-1, 1], False)
+    pixels = pixels[int(falls.argmin()) :]
     # comparisons with NaN are False: a point outside the lens ends the line
     rises = pixels[1:, 1] < pixels[:-1, 1]
     end = len(pixels) if rises.all() else int(rises.argmin()) + 1

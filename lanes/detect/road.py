@@ -98,6 +98,20 @@ def lines_on_view(lanes: np.ndarray, x_m: np.ndarray, height_m: float) -> np.nda
     return lines
 
 
+def adjacent_lane_matrix(side: float) -> np.ndarray:
+    """(15, 15) matrix from the parameters of a lane to those of the adjacent lane to the left (+1) or right (-1).
+
+    The two lanes share a line. The lane beyond the adjacent one is taken to be as wide as it.
+    """
+    there, back = (ADJACENT.start, ADJACENT.start + 1) if side > 0 else (ADJACENT.start + 1, ADJACENT.start)
+    matrix = np.eye(PARAMETERS)
+    matrix[CENTRE, WIDTH], matrix[CENTRE, there] = side, side / 2
+    matrix[WIDTH, there] = 1
+    matrix[[there, back]] = 0
+    matrix[back, there] = -1
+    return matrix
+
+
 def is_ego_lane(lanes: np.ndarray) -> np.ndarray:
     """(K,) bool: the two lines of a lane (K, 15) pass the car on different sides."""
     return np.abs(lanes[:, CENTRE]) <= lanes[:, WIDTH] / 2

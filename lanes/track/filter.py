@@ -44,6 +44,7 @@ from lanes.detect.road import (
     VERTICAL_KNOTS_M,
     WIDTH,
     RoadPrior,
+    adjacent_lane_matrix,
     max_curvature,
     max_vertical_curvature,
     propagated_std,
@@ -332,12 +333,9 @@ def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings:
 
 def to_adjacent_lane(state: State, side: float, prior: RoadPrior) -> State:
     """State of the adjacent lane to the left (+1) or right (-1), which shares a line with this one."""
-    there, back = (ADJACENT.start, ADJACENT.start + 1) if side > 0 else (ADJACENT.start + 1, ADJACENT.start)
+    there = ADJACENT.start if side > 0 else ADJACENT.start + 1
     jacobian = np.eye(STATES)
-    jacobian[CENTRE, WIDTH], jacobian[CENTRE, there] = side, side / 2
-    jacobian[WIDTH, there] = 1
-    jacobian[[there, back]] = 0
-    jacobian[back, there] = -1
+    jacobian[LANE, LANE] = adjacent_lane_matrix(side)
     covariance = jacobian @ state.covariance @ jacobian.T
     covariance[there, there] = prior.std[there] ** 2
     return State(jacobian @ state.mean, covariance)

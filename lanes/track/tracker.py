@@ -19,7 +19,7 @@ from lanes.describe import html_table
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.fit import Fit
-from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvidence
+from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
@@ -79,6 +79,9 @@ class TrackerSettings:
     # this margin. The search uses the second one.
     half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
     view_margin_m: float = 0.8
+    # The views of most frames do not contain the far lines of the adjacent lanes: searches see them. In between they
+    # end where the last search saw them end, and are dropped if that is nearer than this, where they leave the image.
+    min_far_reach_m: float = 12.0
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
     # Shortest time between samples of what never moves in the image, and the width of its columns: stripes within 1 to
@@ -227,14 +230,14 @@ class LaneTracker:
         profiles_of = (0,) if phase == 0 else (1,) if phase == half else ()
         lines: Sequence[LineEvidence] = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
         seen = sum(line.support for line in lines) >= s.min_total_support
+        # what was seen before is nearer by the distance driven
+        moved_m = float(estimate.mean[SPEED]) * elapsed_s
         if not seen:
-            # what they showed before, nearer by the distance driven
-            moved_m = float(estimate.mean[SPEED]) * elapsed_s
             lines = [
                 replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - moved_m, 0.0))
                 for line in last.evidence
             ]
-        estimate, lines = self._to_ego_lane(estimate, lines)
+        estimate, lines, far = self._to_ego_lane(estimate, lines, self._nearer(last.far_evidence, moved_m))
         if seen:
             self._unseen_s = 0.0
             self._regained += self._state == COASTING
@@ -248,17 +251,28 @@ class LaneTracker:
                 return
             self._state, self._regained = COASTING, 0
         self._estimate = estimate
-        self._lane = self._describe(estimate, lines, inlier_share=float(fit.inlier_share[0]))
+        self._lane = self._describe(estimate, lines, far, inlier_share=float(fit.inlier_share[0]))
 
-    def _to_ego_lane(self, estimate: State, lines: Sequence[LineEvidence]) -> tuple[State, Sequence[LineEvidence]]:
-        """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged."""
+    def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
+        """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
+        nearer = (far and replace(far, reach_m=far.reach_m - moved_m) for far in far_evidence)
+        left, right = (far if far and far.reach_m >= self.settings.min_far_reach_m else None for far in nearer)
+        return left, right
+
+    def _to_ego_lane(
+        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence
+    ) -> tuple[State, Sequence[LineEvidence], FarEvidence]:
+        """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged.
+
+        The far lines of the adjacent lane are unknown until the next search.
+        """
         centre, width = estimate.lane[[CENTRE, WIDTH]]
         if abs(centre) < width / 2 + self.settings.lane_change_m:
-            return estimate, lines
+            return estimate, lines, far
         prior = self.settings.detector.fit.prior
         if centre < 0:
-            return to_adjacent_lane(estimate, LEFT_SIDE, prior), (LineEvidence(), lines[0])
-        return to_adjacent_lane(estimate, RIGHT_SIDE, prior), (lines[1], LineEvidence())
+            return to_adjacent_lane(estimate, LEFT_SIDE, prior), (LineEvidence(), lines[0]), (None, None)
+        return to_adjacent_lane(estimate, RIGHT_SIDE, prior), (lines[1], LineEvidence()), (None, None)
 
     def _compare(self, challenger: Lane | None) -> None:
         """Compare a lane found without memory with the track, and start with it if it is better."""
@@ -272,7 +286,7 @@ class LaneTracker:
             self._confirmed += 1
             if self._confirmed >= s.confirmations and self._state == SEARCHING:
                 self._state = TRACKING
-                self._lane = replace(known, state=TRACKING)
+            self._lane = replace(known, state=self._state, far_evidence=challenger.far_evidence)
         elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
             self._lost_comparisons = 0
         else:
@@ -286,9 +300,11 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = SEARCHING, 1
-        self._lane = self._describe(self._estimate, found.evidence, inlier_share=found.inlier_share)
+        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, inlier_share=found.inlier_share)
 
-    def _describe(self, estimate: State, lines: Sequence[LineEvidence], *, inlier_share: float) -> Lane:
+    def _describe(
+        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, *, inlier_share: float
+    ) -> Lane:
         """The estimate as a lane: double lines are bounded by their inner stripes."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
@@ -306,6 +322,7 @@ class LaneTracker:
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,
+            far_evidence=far,
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
             return replace(lane, departure=replace(departure, due=False))

@@ -11,9 +11,12 @@ import pytest
 from benchmark.labels.tusimple import (
     LaneColumns,
     LineScore,
+    describe_all_lines,
     pair_predictions,
+    read_all_lines,
     read_labels,
     read_predictions,
+    score_all_lines,
     score_lines,
     summarize_lines,
 )
@@ -80,6 +83,52 @@ class TestPoints:
         assert [s.accuracy for s in score_lines(label, lane(upright(900), upright(200)))] == [0, 0]
 
 
+class TestOfficialScore:
+    """(accuracy, FP, FN) as TuSimple's `lane.py` computes them."""
+
+    @staticmethod
+    def score(labelled: list, predicted: list, width_px: int = 1280) -> tuple[float, float, float]:
+        label, found = (
+            LaneColumns("a.jpg", ROWS, np.array(lines).reshape(-1, len(ROWS))) for lines in (labelled, predicted)
+        )
+        return score_all_lines(label, found, width_px=width_px)
+
+    def test_each_label_counts_with_its_best_prediction_in_any_order(self):
+        four = [upright(column) for column in (100, 400, 800, 1100)]
+        assert self.score(four, four[::-1]) == (1, 0, 0)
+        assert self.score(four, four[:2]) == (0.5, 0, 0.5)
+        assert self.score(four[:2], four) == (1, 0.5, 0)
+
+    def test_rows_without_a_point_are_correct_if_the_prediction_has_none_either(self):
+        half, third = upright(), upright()
+        half[:10], third[:7] = -2, -2
+        assert self.score([half], [half]) == (1, 0, 0)
+        # 3 of 20 rows differ: just matched; one more is not
+        assert self.score([half], [third]) == (0.85, 0, 0)
+        third[6] = 300
+        assert self.score([half], [third]) == (0.8, 1, 1)
+
+    def test_a_prediction_without_points_is_a_false_positive(self):
+        assert self.score([upright()], [upright(), upright(-2)]) == (1, 0.5, 0)
+
+    def test_three_surplus_predictions_cost_everything(self):
+        assert self.score([upright()], [upright()] * 3) == (1, pytest.approx(2 / 3), 0)
+        assert self.score([upright()], [upright()] * 4) == (0, 0, 1)
+
+    def test_of_five_labels_the_worst_is_left_out(self):
+        five = [upright(column) for column in (100, 300, 600, 900, 1200)]
+        assert self.score(five, five[:4]) == (1, 0, 0)
+        assert self.score(five, five[:3]) == (0.75, 0, 0.25)
+
+    def test_the_tolerance_grows_with_the_angle_and_the_width(self):
+        line = slanted(0.75) + 400
+        assert self.score([line], [line + 24.9])[0] == 1 and self.score([line], [line + 25.1])[0] == 0
+        assert self.score([line], [line + 24.9], width_px=640)[0] == 0
+
+    def test_no_lines(self):
+        assert self.score([], []) == (0, 0, 0) and self.score([upright()], []) == (0, 0, 1)
+
+
 def test_summary_counts_lines():
     some = [
         LineScore(1.0, 2.0, True),
@@ -118,6 +167,15 @@ class TestFiles:
         assert two.columns[:, 0].tolist() == [-2, 900] and (none.columns == -2).all()
         (found,) = read_predictions(self.write(tmp_path, self.entry(upright(1), upright(2), upright(3))))
         assert found.columns[:, 0].tolist() == [1, 2]
+
+    def test_all_lines_are_scored_if_more_than_two_are_labelled(self, tmp_path):
+        three = [upright(200), upright(500), upright(800)]
+        labels = self.write(tmp_path, self.entry(*three), self.entry(upright(7), upright(9), name="b.png"))
+        found = self.write(tmp_path, self.entry(*three[:2]), name="found.jsonl")
+        assert [len(label.columns) for label in read_all_lines(labels)] == [3, 2]
+        assert describe_all_lines(labels, found).endswith("accuracy 0.333, FP 0.000, FN 0.667")
+        labels = self.write(tmp_path, self.entry(*three[:2]))
+        assert describe_all_lines(labels, found) is None
 
     def test_pictures_are_paired_by_the_end_of_their_path(self):
         labels = [lane(upright(k), name=f"clips/{k}/20.jpg") for k in (1, 2)]
