@@ -131,7 +131,7 @@ def _systems(camera: Camera) -> dict[str, Callable[[], Process]]:
 
     def start_cold() -> Process:
         cold = LaneTracker(camera)
-        draw = track_lane(cold, camera)
+        draw = track_lane(cold)
 
         def forget_and_draw(frame: np.ndarray) -> object:
             cold.reset()
@@ -142,7 +142,7 @@ def _systems(camera: Camera) -> dict[str, Callable[[], Process]]:
     def start_recipe(name: str) -> Callable[[], Process]:
         return lambda: follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
 
-    tracker = {TRACKING: lambda: track_lane(LaneTracker(camera), camera), COLD: start_cold}
+    tracker = {TRACKING: lambda: track_lane(LaneTracker(camera)), COLD: start_cold}
     return tracker | {name: start_recipe(name) for name in RECIPES}
 
 
@@ -182,7 +182,7 @@ def time_files(
             "annotated": lambda: process_video(
                 source,
                 target,
-                track_lane(LaneTracker(camera, fps=info.fps), camera),
+                track_lane(LaneTracker(camera, fps=info.fps)),
                 progress=False,
                 telemetry=target.with_suffix(".csv"),
             ),

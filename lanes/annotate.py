@@ -202,6 +202,19 @@ def track(
     if camera.size != size:
         raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
     tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps)
+    yield from track_video(path, tracker, info, start_s=start_s, end_s=end_s, progress=progress)
+
+
+def track_video(
+    path: str | Path,
+    tracker: LaneTracker,
+    info: VideoInfo,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: bool = False,
+) -> Generator[tuple[TimedFrame, Lane | None]]:
+    """Each frame of a video with its lane, as `track`, with a tracker for it."""
     with (
         closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s))) as frames,
         progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
@@ -233,6 +246,20 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
         raise PoseError(f"{video}: {error}") from error
 
 
+def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None) -> LaneTracker:
+    """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` is doubtful."""
+    doubtful = pose is not None and pose.lane_width_m is None
+    return LaneTracker(camera, fps=fps, find_pose=partial(_find_pose, camera=camera) if doubtful else None)
+
+
+def _find_pose(image: np.ndarray, camera: Camera) -> StillDetection | None:
+    """The lane and the pose in one image, None if the pose sees no road; the pose of `camera` is ignored."""
+    try:
+        return estimate_pose(image, camera).still
+    except CameraError:
+        return None
+
+
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     """Annotate a video, and write its telemetry and report next to it; errors are those of `annotate`.
 
@@ -245,7 +272,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     with exclusive_writer(target):
         began_s = time.perf_counter()
         table = TelemetryWriter(target.with_suffix(".csv"))
-        function = track_lane(LaneTracker(camera, fps=info.fps), camera, style=settings.style)
+        function = track_lane(make_tracker(info.fps, camera, pose), style=settings.style)
         options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
         # Decoder, tracker and encoder already run in a thread each.
         with opencv_threads(1):

@@ -16,14 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.annotate import DriveSettings, detect_stills, prepare_drive, track, track_frames
+from lanes.annotate import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames, track_video
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.errors import LaneError
 from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.pose import ensure_pose
-from lanes.track.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 
 NO_POINT = -2.0
@@ -39,9 +38,10 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
         print(pose.describe())
     if info.note:
         print(f"{video}: {info.note}")
-    for frame, lane in track(video, camera, info=info, progress=settings.progress):
+    tracker = make_tracker(info.fps, camera, pose)
+    for frame, lane in track_video(video, tracker, info, progress=settings.progress):
         names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
-        yield names | as_detection(lane, camera, rows, frame.latency_ms)
+        yield names | as_detection(lane, tracker.camera, rows, frame.latency_ms)
 
 
 def detect_in_sequence(
@@ -53,8 +53,9 @@ def detect_in_sequence(
         print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)
     frames = (TimedFrame(number, number / fps, image, 1 / fps) for number, image in enumerate(images))
-    for frame, lane in track_frames(frames, LaneTracker(camera, fps=fps)):
-        yield {"raw_file": str(stills[frame.number])} | as_detection(lane, camera, rows, frame.latency_ms)
+    tracker = make_tracker(fps, camera, pose)
+    for frame, lane in track_frames(frames, tracker):
+        yield {"raw_file": str(stills[frame.number])} | as_detection(lane, tracker.camera, rows, frame.latency_ms)
 
 
 def detect_in_stills(

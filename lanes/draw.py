@@ -113,7 +113,7 @@ def describe_lane(lane: Lane | None) -> list[str]:
     return [words for words in lines if words]
 
 
-def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
+def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
     """A function for `process_video` that tracks the lane, draws on each frame and returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the frames in order; it draws on the frame itself.
@@ -125,7 +125,7 @@ def track_lane(tracker: LaneTracker, camera: Camera, *, style: str = "lane") -> 
         lane = tracker.update(frame, elapsed_s=elapsed_s)
         latency_ms = round(1e3 * (time.perf_counter() - began_s), 3)
         onto = None if style == "mosaic" else frame
-        drawn = draw_lane(frame, lane, camera, style=style, evidence=tracker.evidence, onto=onto)
+        drawn = draw_lane(frame, lane, tracker.camera, style=style, evidence=tracker.evidence, onto=onto)
         return drawn, telemetry_row(lane) | {"latency_ms": latency_ms}
 
     return process

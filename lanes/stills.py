@@ -21,13 +21,10 @@ from lanes.detect.lane import Lane
 from lanes.detect.network import learned_evidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import lines_on_view
-from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
+from lanes.detect.search import DETECTOR, DetectorSettings, Search, more_probable, search_lane
 from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.errors import CameraError
 
-# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
-# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
-CLEARLY_MORE_LOG_ODDS = 1.0
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
 # Poses that are tried: steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch,
@@ -96,10 +93,7 @@ def detect_still(image: np.ndarray, camera: Camera, settings: DetectorSettings =
     if band.lane is not None and band.lane.confidence >= SURE_CONFIDENCE:
         return band
     learned = _search(learned_evidence(image, band.evidence), settings)
-    if learned.lane is None:
-        return band
-    better = band.lane is None or log_odds(learned.lane) > log_odds(band.lane) + CLEARLY_MORE_LOG_ODDS
-    return learned if better else band
+    return learned if more_probable(band.lane, learned.lane) is learned.lane else band
 
 
 def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: float) -> StillDetection:

@@ -183,11 +183,11 @@ def test_mosaic_shows_the_evidence_of_a_still():
 
 
 def test_track_lane_returns_picture_and_telemetry():
-    process = track_lane(LaneTracker(SMALL), SMALL)
+    process = track_lane(LaneTracker(SMALL))
     drawn, row = process(BENDS.frame(0.0))
     assert (drawn != BENDS.frame(0.0)).any()
     assert (row["state"], row["departure"]) == ("searching", None)
     assert row["offset_m"] == pytest.approx(BENDS.truth(0.0).offset_m, abs=0.05)
     assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
-    _, row = track_lane(LaneTracker(SMALL), SMALL)(np.zeros_like(drawn))
+    _, row = track_lane(LaneTracker(SMALL))(np.zeros_like(drawn))
     assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)

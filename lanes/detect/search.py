@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lanes.detect.confidence import log_odds
 from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
 from lanes.detect.line_type import MarkingProfile, marking_profile
@@ -19,6 +20,9 @@ from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, adjacent_lane_matrix, is_ego_lane
 from lanes.detect.votes import VoteSettings, vote_lanes
 
+# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
+# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
+CLEARLY_MORE_LOG_ODDS = 1.0
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
@@ -77,6 +81,13 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
         far_evidence=observe_far_lines(fit, evidence),
     )
     return Search(votes, near, fit, lane)
+
+
+def more_probable(band: Lane | None, learned: Lane | None) -> Lane | None:
+    """The lane that the band filter shows, or that of the network if it is clearly more probable."""
+    if band is None or learned is None:
+        return band or learned
+    return learned if log_odds(learned) > log_odds(band) + CLEARLY_MORE_LOG_ODDS else band
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:
@@ -146,7 +157,7 @@ def _observe_line(
         votes = votes.add_profile(profile)
     votes = votes.add_gaps(fit.stripes.x_m[members])
     support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
-    edge = 2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members)
+    edge = bool(2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members))
     return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)
 
 

@@ -9,20 +9,30 @@ of a bend without delay.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import html_table
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
+from lanes.detect.network import learned_evidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
-from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
+from lanes.detect.search import (
+    DetectorSettings,
+    clear_share,
+    inner_stripe_shift,
+    lane_score,
+    more_probable,
+    observe_lines,
+    search_lane,
+)
 from lanes.errors import LaneError, require_number
 from lanes.track.departure import watch_departure
 from lanes.track.filter import (
@@ -40,6 +50,9 @@ from lanes.track.filter import (
     without_wrong_yaw,
 )
 from lanes.track.static_pattern import StaticPattern
+
+if TYPE_CHECKING:
+    from lanes.stills import StillDetection
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
@@ -65,6 +78,10 @@ class TrackerSettings:
     min_total_support: float = 0.06
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
+    # Shortest time between searches with the network, which see more than those with the band filter. They are made
+    # while the lane is not yet confirmed or lost. The second is for lanes looked for with a camera pose of their own.
+    network_period_s: float = 0.2
+    pose_period_s: float = 0.5
     # Period of searches while tracking. A track is given up after this number of consecutive searches that found
     # another lane whose score is larger by this margin.
     search_period_s: float = 1.0
@@ -104,6 +121,9 @@ class LaneTracker:
         Frames per second.
     speed_mps : float, optional
         Speed of the car; estimated if not given. Assign `tracker.speed_mps` when it changes.
+    find_pose : callable, optional
+        Looks for the lane and the camera pose in one image; for a camera whose pose is doubtful or changes. While no
+        lane is likely it is called twice a second, and the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
 
     Attributes
@@ -125,23 +145,34 @@ class LaneTracker:
         *,
         fps: float = 25.0,
         speed_mps: float | None = None,
+        find_pose: Callable[[np.ndarray], StillDetection | None] | None = None,
         settings: TrackerSettings | None = None,
     ) -> None:
         self.fps = require_number(fps, "fps", positive=True)
         self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
         if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
             raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
-        self.settings = settings or TrackerSettings()
+        self.find_pose, self.settings = find_pose, settings or TrackerSettings()
+        self.evidence: FrameEvidence | None = None
+        self._use(camera)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with the pose that the lane was found with."""
+        return self.view.camera
+
+    def _use(self, camera: Camera) -> None:
+        """Begin with another pose of the camera."""
         camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
-        self.evidence: FrameEvidence | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
         self._static = StaticPattern(self.view.shape[0], self._static_columns(self._views[-1].y_m)[-1] + 1)
         self._since_static_s, self._lane_moves = self.settings.static_period_s, False
+        self._since_network_s, self._since_pose_s = self.settings.network_period_s, self.settings.pose_period_s
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -214,8 +245,36 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._since_search_s = 0.0
-            self._compare(challenger)
+            self._compare(self._look_closer(image, evidence, challenger))
+        self._since_network_s += elapsed_s
+        self._since_pose_s += elapsed_s
+        self._try_other_pose(image)
         return self._lane
+
+    def _look_closer(self, image: np.ndarray, evidence: FrameEvidence, found: Lane | None) -> Lane | None:
+        """The lane found by a search, or the more probable one that the network shows while no lane is confirmed."""
+        sure = found is not None and found.confidence >= SURE_CONFIDENCE
+        if self._state == TRACKING or sure or self._since_network_s < self.settings.network_period_s:
+            return found
+        self._since_network_s = 0.0
+        learned = learned_evidence(image, evidence)
+        if self._lane_moves:
+            places = learned.stripes.row, self._static_columns(learned.stripes.y_m)
+            learned = replace(learned, stripes=learned.stripes.select(~self._static.is_static(*places)))
+        return more_probable(found, self._search(learned))
+
+    def _try_other_pose(self, image: np.ndarray) -> None:
+        """While no lane is likely, look for one with a camera pose from this image alone, and go on with its pose."""
+        confidence = self._lane.confidence if self._lane else 0.0
+        due = self._since_pose_s >= self.settings.pose_period_s
+        if self.find_pose is None or not due or confidence >= LIKELY_CONFIDENCE:
+            return
+        self._since_pose_s = 0.0
+        still = self.find_pose(image)
+        if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
+            self._use(still.camera)
+            self.evidence = still.evidence
+            self._start(still.lane)
 
     def _search_is_due(self) -> bool:
         """Whether to search this frame without memory."""
@@ -251,7 +310,8 @@ class LaneTracker:
                 return
             self._state, self._regained = COASTING, 0
         self._estimate = estimate
-        self._lane = self._describe(estimate, lines, far, inlier_share=float(fit.inlier_share[0]))
+        shares = {"inlier_share": float(fit.inlier_share[0]), "clear_share": clear_share(fit)}
+        self._lane = self._describe(estimate, lines, far, **shares)
 
     def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
         """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
@@ -284,14 +344,16 @@ class LaneTracker:
         elif self._is_same_lane(challenger, known):
             self._lost_comparisons = 0
             self._confirmed += 1
-            if self._confirmed >= s.confirmations and self._state == SEARCHING:
+            sure = challenger.confidence >= SURE_CONFIDENCE or self._confirmed >= s.confirmations
+            if sure and self._state == SEARCHING:
                 self._state = TRACKING
             self._lane = replace(known, state=self._state, far_evidence=challenger.far_evidence)
         elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
             self._lost_comparisons = 0
         else:
             self._lost_comparisons += 1
-            if self._state == SEARCHING or self._lost_comparisons >= s.lost_comparisons:
+            better = self._state == SEARCHING and challenger.confidence > known.confidence
+            if better or self._lost_comparisons >= s.lost_comparisons:
                 self._start(challenger)
 
     def _start(self, found: Lane) -> None:
@@ -299,12 +361,11 @@ class LaneTracker:
         self._forget_lane()
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
-        self._state, self._confirmed = SEARCHING, 1
-        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, inlier_share=found.inlier_share)
+        self._state, self._confirmed = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, 1
+        shares = {"inlier_share": found.inlier_share, "clear_share": found.clear_share}
+        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, **shares)
 
-    def _describe(
-        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, *, inlier_share: float
-    ) -> Lane:
+    def _describe(self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, **shares: float) -> Lane:
         """The estimate as a lane: double lines are bounded by their inner stripes."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
@@ -318,7 +379,7 @@ class LaneTracker:
             fit_covariance=estimate.lane_covariance,
             evidence=(left, right),
             score=lane_score(lines),
-            inlier_share=inlier_share,
+            **shares,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,

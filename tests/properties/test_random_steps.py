@@ -74,7 +74,15 @@ class Drive:
         x, y = np.where(rng.random((count, 1)) < 0.5, along, anywhere).T
         x, angle, std_m = np.clip(x, 5, 70), rng.uniform(-0.3, 0.3, count), rng.uniform(0.02, 0.3, count)
         stripes = Stripes(
-            np.zeros(count, int), x, y, angle, x * 0.43, rng.uniform(0, 1, count), std_m, np.full(count, 0.1)
+            np.zeros(count, int),
+            x,
+            y,
+            angle,
+            x * 0.43,
+            rng.uniform(0, 1, count),
+            std_m,
+            np.full(count, 0.1),
+            np.zeros(count, bool),
         )
         fit = measure(stripes, estimate, VIEW, FIT)
         return update(estimate, fit.lanes[0], fit.covariance[0])
