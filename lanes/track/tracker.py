@@ -310,8 +310,8 @@ class LaneTracker:
                 return
             self._state, self._regained = COASTING, 0
         self._estimate = estimate
-        shares = {"inlier_share": float(fit.inlier_share[0]), "clear_share": clear_share(fit)}
-        self._lane = self._describe(estimate, lines, far, **shares)
+        shares = float(fit.inlier_share[0]), clear_share(fit)
+        self._lane = self._describe(estimate, lines, far, shares)
 
     def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
         """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
@@ -362,11 +362,11 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, 1
-        shares = {"inlier_share": found.inlier_share, "clear_share": found.clear_share}
-        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, **shares)
+        shares = found.inlier_share, found.clear_share
+        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, shares)
 
     def _describe(self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, **shares: float) -> Lane:
-        """The estimate as a lane: double lines are bounded by their inner stripes."""
+        """The estimate as a lane: double lines are bounded by their inner stripes; its inlier and clear `shares`."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
@@ -379,7 +379,8 @@ class LaneTracker:
             fit_covariance=estimate.lane_covariance,
             evidence=(left, right),
             score=lane_score(lines),
-            **shares,
+            inlier_share=shares[0],
+            clear_share=shares[1],
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,
