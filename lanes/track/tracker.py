@@ -269,12 +269,12 @@ class LaneTracker:
         due = self._since_pose_s >= self.settings.pose_period_s
         if self.find_pose is None or not due or confidence >= LIKELY_CONFIDENCE:
             return
-        self._since_pose_s = 0.0
         still = self.find_pose(image)
         if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
             self._use(still.camera)
             self.evidence = still.evidence
             self._start(still.lane)
+        self._since_pose_s = 0.0
 
     def _search_is_due(self) -> bool:
         """Whether to search this frame without memory."""
@@ -365,7 +365,9 @@ class LaneTracker:
         shares = found.inlier_share, found.clear_share
         self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, shares)
 
-    def _describe(self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, **shares: float) -> Lane:
+    def _describe(
+        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, shares: tuple[float, float]
+    ) -> Lane:
         """The estimate as a lane: double lines are bounded by their inner stripes; its inlier and clear `shares`."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
