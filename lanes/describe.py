@@ -12,15 +12,26 @@ from math import degrees
 # On a straight road the measured radius is large and of either sign. At this radius a line leaves its tangent by
 # 0.15 m, the width of a marking, over the 30 m that the classic views show.
 STRAIGHT_RADIUS_M = 3000.0
+# Smallest radius that is called straight, because the curvature is uncertain.
+LEAST_STRAIGHT_M = 100.0
 
 
-def describe_bend(curvature_per_m: float | None) -> str:
-    """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown"."""
+def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
+    """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown".
+
+    A curvature smaller than twice its standard deviation is that of a straight road, or of a bend with a larger radius
+    than the text says; it is unknown if that radius is below 100 m.
+    """
     if curvature_per_m is None:
         return "bend unknown"
-    if abs(curvature_per_m) < 1 / STRAIGHT_RADIUS_M:
-        return f"straight (R > {STRAIGHT_RADIUS_M / 1000:.0f} km)"
-    radius_m, side = 1 / abs(curvature_per_m), "left" if curvature_per_m > 0 else "right"
+    size_per_m, least_per_m = abs(curvature_per_m), 1 / STRAIGHT_RADIUS_M
+    most_per_m = size_per_m + 2 * std_per_m
+    if size_per_m < max(2 * std_per_m, least_per_m):
+        if most_per_m > 1 / LEAST_STRAIGHT_M:
+            return "bend unknown"
+        radius_m = 1 / max(most_per_m, least_per_m)
+        return f"straight (R > {f'{radius_m / 1000:.0f} km' if radius_m >= 1000 else f'{round(radius_m, -2):.0f} m'})"
+    radius_m, side = 1 / size_per_m, "left" if curvature_per_m > 0 else "right"
     # It is accurate to a few per cent.
     return f"bends {side}, R {round(radius_m, -1 if radius_m >= 100 else 0):.0f} m"
 

@@ -22,7 +22,7 @@ from lanes.canvas import (
     finite_points,
     put_text,
 )
-from lanes.describe import describe_bend, describe_offset, describe_std
+from lanes.describe import describe_offset, describe_std
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
@@ -104,7 +104,7 @@ def describe_lane(lane: Lane | None) -> list[str]:
         return ["lane lost"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
     lines = [
-        describe_bend(lane.curvature_per_m),
+        lane.describe_bend(),
         describe_offset(lane.offset_m, lane.offset_std_m),
         " | ".join(line.describe_type() or "unknown" for line in lane.lines),
         f"{lane.state}, confidence {lane.confidence:.2f}{uncertain}",

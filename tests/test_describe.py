@@ -12,19 +12,22 @@ from lanes.describe import describe_bend, describe_offset
 
 
 @pytest.mark.parametrize(
-    ("curvature_per_m", "text"),
+    ("curvature_per_m", "std_per_m", "text"),
     [
-        (-1 / 644, "bends right, R 640 m"),
-        (1 / 2990, "bends left, R 2990 m"),
-        (1 / 54_000, "straight (R > 3 km)"),
-        (-1 / 3001, "straight (R > 3 km)"),
-        (0.0, "straight (R > 3 km)"),
-        (1 / 37.4, "bends left, R 37 m"),
-        (None, "bend unknown"),
+        (-1 / 644, 0.0, "bends right, R 640 m"),
+        (1 / 2990, 0.0, "bends left, R 2990 m"),
+        (1 / 54_000, 0.0, "straight (R > 3 km)"),
+        (-1 / 3001, 0.0, "straight (R > 3 km)"),
+        (0.0, 1e-4, "straight (R > 3 km)"),
+        (1 / 37.4, 1e-3, "bends left, R 37 m"),
+        (-5e-4, 2.4e-4, "bends right, R 2000 m"),
+        (5e-4, 2.6e-4, "straight (R > 1000 m)"),
+        (1 / 63, 0.01, "bend unknown"),
+        (None, 0.0, "bend unknown"),
     ],
 )
-def test_bend(curvature_per_m, text):
-    assert describe_bend(curvature_per_m) == text
+def test_bend(curvature_per_m, std_per_m, text):
+    assert describe_bend(curvature_per_m, std_per_m) == text
 
 
 @pytest.mark.parametrize(

@@ -341,6 +341,10 @@ class Lane:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
         return columns_at(rows, self.outlines(camera), camera)
 
+    def describe_bend(self) -> str:
+        """The bend in words, with regard to its standard deviation; see `lanes.describe.describe_bend`."""
+        return describe_bend(self.curvature_per_m, self.curvature_std_per_m)
+
     def summary(self) -> dict[str, str]:
         """State, confidence, offset, bend, heading, width, lines, speed and warning in words, by name."""
         per_km = f"{1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km"
@@ -348,7 +352,7 @@ class Lane:
             "state": self.state,
             "confidence": f"{self.confidence:.0%}",
             "offset": describe_offset(self.offset_m, self.offset_std_m),
-            "bend": f"{describe_bend(self.curvature_per_m)} ({per_km})",
+            "bend": f"{self.describe_bend()} ({per_km})",
             "heading": describe_heading(self.heading_rad),
             "width": f"{self.width_m:.2f} ± {describe_std(self.width_std_m)} m",
             "left line": self.left.describe(),
@@ -362,7 +366,7 @@ class Lane:
 
     def __repr__(self) -> str:
         words = self.summary()
-        numbers = f"{words['offset']}, {describe_bend(self.curvature_per_m)}, {words['width']} wide"
+        numbers = f"{words['offset']}, {self.describe_bend()}, {words['width']} wide"
         return f"Lane({self.state}, confidence {self.confidence:.2f}, {numbers})"
 
     def _repr_html_(self) -> str:
