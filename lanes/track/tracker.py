@@ -22,7 +22,7 @@ from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, Lane, LineEvidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
-from lanes.detect.search import DetectorSettings, inner_stripe_shift, lane_score, observe_lines, search_lane
+from lanes.detect.search import DetectorSettings, Search, inner_stripe_shift, lane_score, observe_lines, search_lane
 from lanes.errors import LaneError, require_number
 from lanes.track.departure import watch_departure
 from lanes.track.filter import (
@@ -107,6 +107,12 @@ class LaneTracker:
     ----------
     evidence : FrameEvidence or None
         What the last image showed.
+    search : Search or None
+        The search in the last image, None if none was due.
+    prediction : State or None
+        What the filter predicted for the last image, None if the lane is lost or was found by `search`.
+    fit : Fit or None
+        The fit to the last image with the prediction as prior, None without prediction.
 
     Raises
     ------
@@ -133,6 +139,7 @@ class LaneTracker:
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
+        self.search: Search | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -144,6 +151,8 @@ class LaneTracker:
     def _forget_lane(self) -> None:
         """Search from scratch; what never moves in the images of this camera is still known."""
         self._estimate: State | None = None
+        self.prediction: State | None = None
+        self.fit: Fit | None = None
         self._lane: Lane | None = None
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
@@ -194,6 +203,7 @@ class LaneTracker:
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
         self._frames += 1
+        self.search = None
         self._since_search_s += elapsed_s
         search = self._search_is_due()
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
@@ -205,6 +215,7 @@ class LaneTracker:
             if self.speed_mps is not None:
                 predicted = with_given_speed(predicted, self.speed_mps, s.filter)
             fit = measure(evidence.stripes, predicted, view, s.detector.fit)
+            self.prediction, self.fit = predicted, fit
             estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
             if self.speed_mps is None:
                 estimate = without_wrong_yaw(estimate, s.filter)
@@ -345,8 +356,8 @@ class LaneTracker:
 
     def _search(self, evidence: FrameEvidence) -> Lane | None:
         """The lane found in the evidence without memory."""
-        found = search_lane(evidence, self.settings.detector)
-        return found.lane if found else None
+        self.search = search_lane(evidence, self.settings.detector)
+        return self.search.lane if self.search else None
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
         """Columns of the static pattern at lateral positions."""
