@@ -298,7 +298,10 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     if change := find_pose_change(telemetry):
         lines.append(f"{video}: {change.describe()}")
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
-        lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}")
+        remedy = "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
+        if pose:
+            remedy = "annotate a straighter part of it (--start, --end), or give a camera file with a pose (--camera)."
+        lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}; {remedy}")
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 

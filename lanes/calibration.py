@@ -183,7 +183,7 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
     if not detections.boards:
         raise CameraError(
             f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in "
-            f"{source}; give pictures of a board of that pattern, or the pattern "
+            f"{source}; give pictures of a board of that pattern, or calibrate with the pattern "
             f"of this one.{unused}"
         )
     try:

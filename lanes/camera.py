@@ -50,7 +50,7 @@ class CameraPose:
     roll_rad: float = 0.0
 
     def __post_init__(self) -> None:
-        for name, value in asdict(self).items():
+        for name, value in list(vars(self).items()):
             object.__setattr__(self, name, require_number(value, name))
         if self.height_m <= 0:
             raise CameraError(f"{self} is not a camera pose: the height must be positive.")

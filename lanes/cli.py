@@ -8,13 +8,16 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from lanes import __version__
-from lanes.annotate import Annotation, DriveSettings, annotate_sources
+from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import (
     calibrate,
     calibrate_detections,
@@ -28,7 +31,7 @@ from lanes.console import bounded, error_status, progress_line, run_command, run
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError
-from lanes.explain import explain
+from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
@@ -36,7 +39,8 @@ from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M
-from lanes.video.reader import read_video
+from lanes.video.process import progress_bar, read_ahead
+from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 
 
 class Calibrate:
@@ -234,13 +238,15 @@ class Detect:
 class Explain:
     """Plot every step of the lane detection in one picture, with its numbers: horizon, bird's-eye view,
     marking response, stripes, votes, fit and result. If a step failed, the figure and the printed text say
-    why, and what to do. If no camera file with a camera pose is given, the pose is first estimated from the
-    picture or video.
+    why, and what to do. A frame of a video is explained as `annotate` sees it: the lane is tracked from
+    the start of the video, or of the part, up to this frame. If no camera file with a camera pose is
+    given, the pose is first estimated from the picture, the video or the part.
     """
 
     SUMMARY = "plot every step of the lane detection in one picture, and which step failed"
     EXAMPLES = """\
   {program} --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
+  {program} --hfov 60 long_drive.mp4 --start 600 --end 660 --at 612.5
   {program} --hfov 60 still.jpg"""
 
     @staticmethod
@@ -248,6 +254,7 @@ class Explain:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
         words = "time of the frame in a video (default: first frame)"
         parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
+        add_part(parser)
         add_lens(parser)
         add_output(parser, "explained.png", "figure to write")
 
@@ -258,19 +265,23 @@ class Explain:
         figure_kind(options.output)
         require_no_input_among([options.output], options.files)
         (file,) = options.files
-        if kind_of_file(file) != "picture":
-            image = next(read_video(file, start_s=options.at or 0.0))
-        elif options.at is None:
-            image = read_image(file)
-        else:
-            raise PictureError(f"{file}: is a single picture, which has no frame at {options.at:g} s; omit --at.")
-        camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"))
-        detection, pose_doubt = None, ""
+        start_s, end_s, at_s = options.start_s, options.end_s, options.at
+        info = None if kind_of_file(file) == "picture" else inspect_video(file)
+        if info is None and at_s is not None:
+            raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
+        if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
+            raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "progress": progress_line("pose")}
+        camera, estimate = ensure_pose(find_lens(options), options.files, **part)
+        still = pose_doubt = None
         if estimate:
             print(estimate.describe())
-            detection = estimate.still if options.at is None else None
-            pose_doubt = estimate.notes[0] if estimate.lane_width_m is None else ""
-        explanation = explain(image, camera, detection=detection, pose_doubt=pose_doubt)
+            still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
+        if info:
+            frames, tracker = read_to_time(file, info, start_s, at_s), make_tracker(info.fps, camera, estimate)
+            explanation = explain_tracked(frames, tracker, pose_doubt=pose_doubt)
+        else:
+            explanation = explain(read_image(file), camera, detection=still, pose_doubt=pose_doubt)
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")
@@ -345,6 +356,18 @@ def find_lens(options: argparse.Namespace) -> Camera:
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
     return settings.camera_for(next(sample_images(files, 1)).shape[1::-1], files[0])
+
+
+def read_to_time(video: Path, info: VideoInfo, start_s: float, at_s: float | None) -> Iterator[TimedFrame]:
+    """The frames from `start_s` to that shown at `at_s`, by default only the first one, with a progress bar."""
+    until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
+    with (
+        closing(read_ahead(read_timed_frames(video, start_s=start_s, end_s=until_s))) as frames,
+        progress_bar(info, start_s=start_s, end_s=at_s, shown=True) as bar,
+    ):
+        for frame in islice(frames, 1 if at_s is None else None):
+            yield frame
+            bar.update()
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:

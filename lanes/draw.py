@@ -30,11 +30,11 @@ from lanes.detect.paint import PAINT, FrameEvidence, extract_evidence
 from lanes.detect.road import lines_on_view
 from lanes.track.tracker import LaneTracker
 
-# Nearer than this the car's own bonnet hides the road from most cameras.
-NEAREST_M = 6.0
-# Points of the outlines, at distances that form a geometric series, because distant bends look sharpest in the image:
-# 20 points deviate by less than 0.4 px from bends of 150 m radius over 60 m, half as much as 32 in even image rows.
-SHARES = np.linspace(0, 1, 20)
+# The outlines begin at this distance, which is below the image, and end here if the evidence ends sooner.
+NEAREST_M, SHORTEST_M = 0.5, 12.0
+# Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
+# sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
+SHARES = np.sqrt(np.linspace(0, 1, 24))
 # Line width is the image's width divided by this; a line that is not seen itself is drawn thin.
 SEEN_PX, INFERRED_PX = 128, 320
 # Half width of the views of the road in the mosaic.
@@ -93,8 +93,8 @@ def draw_lane(
 
 
 def lane_outlines(lane: Lane, camera: Camera) -> list[np.ndarray]:
-    """Raw pixels (N, 2) along the left and the right line, near to far, as far as the evidence for either reaches."""
-    reach_m = max(lane.left.reach_m, lane.right.reach_m, 2 * NEAREST_M)
+    """Raw pixels (N, 2) along the left and the right line, from below the image as far as the evidence of either."""
+    reach_m = max(lane.left.reach_m, lane.right.reach_m, SHORTEST_M)
     return lane.outlines(camera, along_m=NEAREST_M * (reach_m / NEAREST_M) ** SHARES)
 
 

@@ -1,12 +1,14 @@
 """Explanation of a lane detection: every step from the raw image to the lane in metres, with its numbers.
 
-    picture -> pose -> bird's-eye view -> markings -> stripes -> votes -> fit -> lane
+    picture -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction -> fit -> lane
 
-It reads what the detection kept. If the detection failed, it names the step, the reason and what to do.
+It reads what the detection or the tracker kept. If no lane was found, or a doubtful one, it names the step, the reason
+and what to do.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,19 +16,24 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.describe import describe_bend
 from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
-from lanes.detect.fit import FIT, near_stripes
-from lanes.detect.lane import LOST, Lane
+from lanes.detect.fit import FIT, Fit, near_stripes
+from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
+from lanes.track.pose_change import describe_wrong_yaw
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import TimedFrame
 
+# Advice if the pose may be wrong: one that was given, and one that was estimated from the files that are explained.
+RE_ESTIMATE_POSE = "Estimate the camera pose from pictures of this drive (python -m lanes pose)."
 OTHER_PICTURES = (
-    "Give pictures of this drive that show both lines of the lane by day, a part of it (--start, --end), the field of "
-    "view (--hfov), or a camera file with the pose."
+    "The pose was estimated from these files: give the field of view (--hfov), another part of the video (--start, "
+    "--end) or pictures that show both lines by day, or a camera file with the pose (--camera). Annotate stills of "
+    "several cameras with --each."
 )
-RE_ESTIMATE_POSE = "Estimate the camera pose again from pictures of this drive (python -m lanes pose)."
 
 
 @dataclass(frozen=True)
@@ -53,13 +60,17 @@ class Explanation:
     """A raw RGB image (height, width, 3), uint8, and the result of every detection step in it.
 
     `steps` are in order of execution; only the last one may have failed. `detection` is None if the camera sees no
-    road. `candidates` are those lanes that were compared, best first. `lanes.figures.show_explanation` draws it.
+    road. `fit` is that of the lane, or the best one of a search without a lane. `prediction` (15,) is the tracked lane
+    before the fit. `candidates` are those lanes that a search compared, best first. `lanes.figures.show_explanation`
+    draws it.
     """
 
     image: np.ndarray
     camera: Camera
     steps: tuple[Step, ...]
     detection: StillDetection | None = None
+    fit: Fit | None = None
+    prediction: np.ndarray | None = None
     candidates: tuple[Candidate, ...] = ()
 
     @property
@@ -102,7 +113,7 @@ class Explanation:
 
 
 def explain(
-    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_doubt: str = ""
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_doubt: str | None = None
 ) -> Explanation:
     """Every step of the lane detection in a raw RGB image, with its result in words.
 
@@ -112,8 +123,9 @@ def explain(
     ----------
     detection : StillDetection, optional
         What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
-    pose_doubt : str
-        Why the pose of `camera` is uncertain; empty if it is not. It is the failed step if no lane is found.
+    pose_doubt : str, optional
+        Given if the pose of `camera` was estimated from the same files: why it is uncertain, or empty. It is the failed
+        step if no lane is found.
 
     Raises
     ------
@@ -122,29 +134,92 @@ def explain(
     CameraError
         If the camera has no pose.
     """
-    image, pose = camera.require_size(image), camera.require_pose().describe()
-    steps = [
-        Step("picture", f"{camera.width}x{camera.height} px, mean brightness {image.mean():.0f} of 255"),
-        Step("pose", pose, pose_doubt, OTHER_PICTURES if pose_doubt else ""),
-    ]
+    image = camera.require_size(image)
     try:
         detection = detection or detect_still(image, camera)
     except CameraError as error:
-        failed = Step("birdseye", "no road in the picture", str(error), RE_ESTIMATE_POSE)
-        return Explanation(image, camera, _up_to_failure([*steps, failed]))
-    evidence, search, lane = detection.evidence, detection.search, detection.lane
-    steps += [_check_birdseye(evidence), _check_markings(evidence), _check_stripes(evidence)]
-    if search is None:
-        return Explanation(image, camera, _up_to_failure(steps), detection)
-    proposed = search.starts.lanes
-    best = f"{proposed[0][WIDTH]:.1f} m wide, {describe_bend(proposed[0][CURVATURE])}"
-    votes = f"{len(proposed)} lanes proposed, best: {best}"
-    steps += [Step("votes", votes), _check_fit(search.fit.support[0], seen=lane is not None)]
+        failed = Step("birdseye", "no road in the picture", str(error), _pose_advice(pose_doubt))
+        return Explanation(image, camera, _up_to_failure([*_first_steps(image, camera, pose_doubt), failed]))
+    return _explain_detection(image, camera, pose_doubt, detection)
+
+
+def explain_tracked(
+    frames: Iterable[TimedFrame], tracker: LaneTracker, *, pose_doubt: str | None = None
+) -> Explanation:
+    """Every step of the tracker in the last of some consecutive frames, in which it tracks the lane.
+
+    `pose_doubt` and errors are those of `explain`; there is at least one frame.
+    """
+    track, lane = [], None
+    for frame in frames:
+        try:
+            lane = tracker.update(frame.image, elapsed_s=frame.elapsed_s)
+        except CameraError:  # no road in view
+            return explain(frame.image, tracker.camera, pose_doubt=pose_doubt)
+        seen = lane is not None and any(line.seen for line in lane.evidence)
+        track.append((frame.time_s, lane.state if lane else LOST, seen))
+    assert tracker.evidence is not None
+    detection = StillDetection(tracker.evidence, tracker.search, lane)
+    return _explain_detection(frame.image, tracker.camera, pose_doubt, detection, tracker, _describe_track(track))
+
+
+def _explain_detection(
+    image: np.ndarray,
+    camera: Camera,
+    pose_doubt: str | None,
+    detection: StillDetection,
+    tracker: LaneTracker | None = None,
+    track: str = "",
+) -> Explanation:
+    """Explanation of what was found in an image; in a frame by a tracker, whose `track` is told in words."""
+    evidence, search, lane, advice = detection.evidence, detection.search, detection.lane, _pose_advice(pose_doubt)
+    fit, predicted = (tracker.fit, tracker.prediction) if tracker else (None, None)
+    fit = fit or (search.fit if search else None)
+    steps = [*_first_steps(image, camera, pose_doubt), _check_birdseye(evidence)]
+    steps += [_check_markings(evidence, advice), _check_stripes(evidence, advice)]
+    if search:
+        best = search.starts.lanes[0]
+        votes = f"best: {best[WIDTH]:.1f} m wide, {describe_bend(best[CURVATURE])}"
+        steps.append(Step("votes", f"{len(search.starts.lanes)} lanes proposed, {votes}"))
+    if predicted:
+        steps.append(Step("prediction", f"{track}; {_describe_place(predicted.lane)}"))
+    if fit:
+        steps.append(_check_fit(fit, advice, found=lane is not None))
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
-        steps = [replace(step, failure="", advice="") for step in steps] + [_check_lane(lane)]
-    candidates = _list_candidates(search, found=lane is not None)
-    return Explanation(image, camera, _up_to_failure(steps), detection, candidates)
+        steps = [replace(step, failure="", advice="") for step in steps] + [_check_lane(lane, advice, pose_doubt)]
+    elif track:
+        steps = [replace(step, failure=step.failure and f"{step.failure} Before: {track}.") for step in steps]
+    candidates = _list_candidates(search, fit, found=lane is not None) if search and fit else ()
+    prediction = predicted.lane if predicted else None
+    return Explanation(image, camera, _up_to_failure(steps), detection, fit, prediction, candidates)
+
+
+def _first_steps(image: np.ndarray, camera: Camera, pose_doubt: str | None) -> list[Step]:
+    pose = camera.require_pose().describe()
+    return [
+        Step("picture", f"{camera.width}x{camera.height} px, mean brightness {image.mean():.0f} of 255"),
+        Step("pose", pose, pose_doubt or "", OTHER_PICTURES),
+    ]
+
+
+def _pose_advice(pose_doubt: str | None) -> str:
+    """What to do if the pose may be wrong: `pose_doubt` is None if it was given, see `explain`."""
+    return RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
+
+
+def _describe_track(track: Sequence[tuple[float, str, bool]]) -> str:
+    """The track before the last frame in words, from time, state and whether the lane was seen, of each frame."""
+    *before, (now_s, _, _) = track
+    seen_s = [time_s for time_s, _, seen in before if seen]
+    if not seen_s:
+        return "no lane was known"
+    last = max(n for n, (_, state, _) in enumerate(before) if state != LOST)
+    next_s, next_state, _ = track[last + 1]
+    if next_state == LOST:
+        return f"the track was lost at {next_s:.2f} s, {next_s - seen_s[-1]:.2f} s after the lane was last seen"
+    began_s = max((time_s for time_s, state, _ in before if state == LOST), default=before[0][0])
+    return f"{before[last][1]}, lane known for {now_s - began_s:.2f} s and last seen {now_s - seen_s[-1]:.2f} s ago"
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -171,7 +246,7 @@ def _check_birdseye(evidence: FrameEvidence) -> Step:
     return Step("birdseye", summary, failure, advice)
 
 
-def _check_markings(evidence: FrameEvidence) -> Step:
+def _check_markings(evidence: FrameEvidence, pose_advice: str) -> Step:
     """Check that the marking response is large enough anywhere."""
     strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
@@ -184,10 +259,10 @@ def _check_markings(evidence: FrameEvidence) -> Step:
     if best > minimum:
         return Step("markings", summary)
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
-    return Step("markings", summary, failure, advice + RE_ESTIMATE_POSE)
+    return Step("markings", summary, failure, advice + pose_advice)
 
 
-def _check_stripes(evidence: FrameEvidence) -> Step:
+def _check_stripes(evidence: FrameEvidence, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
     count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
     summary = f"{count} candidates, {near} of them within {near_m} m"
@@ -195,46 +270,56 @@ def _check_stripes(evidence: FrameEvidence) -> Step:
         return Step("stripes", summary)
     failure = f"no stripe is nearer than {near_m} m, where the search starts."
     advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
-    return Step("stripes", summary, failure, advice + RE_ESTIMATE_POSE)
+    return Step("stripes", summary, failure, advice + pose_advice)
 
 
-def _check_fit(support: np.ndarray, *, seen: bool) -> Step:
-    """Check that the best lane is seen after the fit; `support` (2,) is that of its two lines."""
+def _check_fit(fit: Fit, pose_advice: str, *, found: bool) -> Step:
+    """Check that the best lane is seen after the fit, and that its score is sufficient to start a track."""
+    support = fit.support[0]
     summary = f"score {np.sqrt(support).sum():.2f}, {_describe_paint(support)}"
-    if seen:
+    if found:
         return Step("fit", summary)
+    failure = "the score of the best lane is too small to start a track"
+    if not fit.seen[0]:
+        failure = f"the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows"
     return Step(
         "fit",
         summary,
-        f"the lines of the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows: the "
-        "stripes do not line up.",
+        f"{failure}: the stripes do not line up.",
         "Check in the bird's-eye view whether the road has lines here, and whether they are parallel. If they are, the "
         "car is crossing a line or in a hairpin, and in a video the tracker bridges it. If they diverge or converge, "
-        "the camera pose is wrong. " + RE_ESTIMATE_POSE,
+        "the camera pose is wrong. " + pose_advice,
     )
 
 
-def _check_lane(lane: Lane) -> Step:
+def _check_lane(lane: Lane, pose_advice: str, pose_doubt: str | None) -> Step:
     """Check the confidence and the pitch motion of the lane found: a bump does not exceed three standard deviations."""
-    summary = f"confidence {lane.confidence:.0%}, score {lane.score:.2f}"
+    summary = f"{lane.state}, confidence {lane.confidence:.0%}, score {lane.score:.2f}"
     if abs(lane.pitch_rad) >= 3 * FIT.prior.std[PITCH]:
         turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
         failure = f"the camera seems to look {turned} than its pose says."
-        return Step("lane", summary, failure, RE_ESTIMATE_POSE + " On a crest or a bump no action is needed.")
+        return Step("lane", summary, failure, "On a crest or a bump no action is needed. Otherwise: " + pose_advice)
     if lane.confidence < LIKELY_CONFIDENCE:
-        return Step("lane", summary, *_explain_low_confidence(lane))
+        failure, advice = _explain_low_confidence(lane, pose_advice)
+        if pose_doubt:
+            failure = f"{failure} The camera pose is doubtful, too: {pose_doubt}"
+            advice = f"{advice.removesuffix(pose_advice)} {pose_advice}"
+        return Step("lane", summary, failure, advice)
     return Step("lane", summary)
 
 
-def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
+def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
     """Failure and advice for the most likely cause of a low confidence."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
+    if lane.state == COASTING and len(unseen) == 2:
+        failure = "neither line is seen; the lane is predicted from the frames before."
+        return failure, "No action is needed if a car or a shadow hides the lines for less than a second."
     if unseen:
         return (
             f"the {unseen[0]} line is not seen; its position follows from the other line and the usual lane width.",
             "If the road has no such line, no action is needed: in a video the tracker keeps the lane width from "
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
-            "wrong. " + RE_ESTIMATE_POSE,
+            "wrong. " + pose_advice,
         )
     if _is_the_cause(lane, "other lanes"):
         return (
@@ -246,26 +331,30 @@ def _explain_low_confidence(lane: Lane) -> tuple[str, str]:
         return (
             f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "
             "in a usual bend or lane change.",
-            RE_ESTIMATE_POSE + " In a sharp lane change no action is needed.",
+            "In a sharp lane change no action is needed. Otherwise: " + pose_advice,
         )
+    if _is_the_cause(lane, "odd yaw"):
+        return describe_wrong_yaw(-(lane.camera_yaw_rad or 0.0)) + ".", pose_advice
     if _is_the_cause(lane, "odd width"):
         return (
             f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
-            "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + RE_ESTIMATE_POSE,
+            "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + pose_advice,
         )
     if _is_the_cause(lane, "between", "transverse"):
         return (
             f"painted stripes cross the lane ({lane.transverse_stripes} of them), or other lines run between its own: "
             f"of the stripes along it {lane.clear_share:.0%} are on its lines.",
             "Check in the panel with the stripes what lies between the lines: a floor of tiles, a crossing, or a road "
-            "with other markings. If a line of the lane itself lies there: " + RE_ESTIMATE_POSE,
+            "with other markings. If a line of the lane itself lies there: " + pose_advice,
         )
     std_m = lateral_std_m(lane.covariance, 20.0).max()
     return (
         f"the worse line has a standard deviation of {std_m:.1f} m at 20 m ahead: the paint found "
         f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right).",
-        "Use the video instead of a still: the tracker combines many frames.",
+        "No action is needed if the next frames are better."
+        if lane.tracked
+        else "Use the video instead of a still: the tracker combines many frames.",
     )
 
 
@@ -276,16 +365,17 @@ def _is_the_cause(lane: Lane, *features: str) -> bool:
     return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))
 
 
-def _list_candidates(search: Search, *, found: bool) -> tuple[Candidate, ...]:
+def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lane, and the other start hypotheses after their fit to the near stripes, with what they lack."""
-    fit, near = search.fit, search.starts
-    chosen = fit.lanes[0]
+    near, chosen, lacks = search.starts, fit.lanes[0], "less paint near the car"
+    if fit is not search.fit:
+        lacks = "not the tracked lane"
     candidates = [Candidate(chosen, found, f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}")]
     share = near.marked_rows / max(int((fit.view.x_m < FIT.start[-1][0]).sum()), 1)
     for lane, paint in zip(near.lanes, share, strict=True):
         # others are the same lane
         if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > 0.5:
-            why = "less paint near the car" if is_ego_lane(lane[None])[0] else "not the ego lane"
+            why = lacks if is_ego_lane(lane[None])[0] else "not the ego lane"
             candidates.append(Candidate(lane, False, f"{_describe_place(lane)}: {why} ({_describe_paint(paint)})"))
     return tuple(candidates)
 

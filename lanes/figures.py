@@ -19,6 +19,7 @@ import numpy as np
 from lanes.camera import Camera, undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
+from lanes.detect.fit import Fit
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.detect.search import Search
 from lanes.detect.votes import VOTES
@@ -109,10 +110,11 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
 
     The nine axes are image, camera pose, bird's-eye view, marking response, stripes, votes, fit, overlay and text.
     """
-    said = defaultdict(lambda: "not reached", {step.name: step.summary for step in explanation.steps})
+    said = {"votes": "no search in this frame"} if explanation.prediction is not None else {}
+    said = defaultdict(lambda: "not reached", said | {step.name: step.summary for step in explanation.steps})
     detection, lane, failed = explanation.detection, explanation.lane, explanation.failed
     search = detection.search if detection else None
-    result = f"Result: found, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
+    result = f"Result: {lane.state}, confidence {lane.confidence:.0%}" if lane else "Result: no lane"
     # title, function that plots the panel, and what it needs
     panels: dict[str, tuple[str, Callable[[Axes, Explanation, Any], None], object]] = {
         "picture": (f"Image: {said['picture']}", _plot_image, explanation.image),
@@ -121,14 +123,14 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
         "markings": (f"Marking response: {said['markings']}", _plot_markings, detection),
         "stripes": (f"Stripes: {said['stripes']}", _plot_stripes, detection),
         "votes": (f"Votes: {said['votes']}", _plot_votes, search),
-        "fit": (f"Fit: {said['fit']}", _plot_fit, search),
+        "fit": (f"Fit: {said['fit']}", _plot_fit, explanation.fit),
         "lane": (result, _plot_image, draw_lane(explanation.image, lane, explanation.camera)),
         "text": ("In words", _plot_text, explanation),
     }
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
     for number, (axis, (step, (title, plot, needed))) in enumerate(zip(axes, panels.items(), strict=True), 1):
         if needed is None:
-            axis.text(0.5, 0.5, "not reached", ha="center", va="center", transform=axis.transAxes)
+            axis.text(0.5, 0.5, said[step], ha="center", va="center", transform=axis.transAxes)
             axis.set_axis_off()
         else:
             plot(axis, explanation, needed)
@@ -175,12 +177,12 @@ def _plot_markings(axis: Axes, _: Explanation, detection: StillDetection) -> Non
     draw_on_road_grid(axis, strength, view.x_m, view.y_m, cmap="magma", vmin=0, vmax=12)
 
 
-def _plot_stripes(axis: Axes, _: Explanation, detection: StillDetection) -> None:
+def _plot_stripes(axis: Axes, explanation: Explanation, detection: StillDetection) -> None:
     """Stripe candidates on the road in metres, those of the lane in the colours of its lines."""
     _set_road_axes(axis)
     stripes, side = detection.evidence.stripes, np.zeros(len(detection.evidence.stripes))
-    if detection.lane is not None and detection.search is not None:
-        side = SIDES @ detection.search.fit.members[0]
+    if detection.lane is not None and explanation.fit is not None:
+        side = SIDES @ explanation.fit.members[0]
     lines = ((0, (150, 150, 150), "on no line"), (1, LEFT_COLOUR, "left line"), (-1, RIGHT_COLOUR, "right line"))
     for which, colour, label in lines:
         mine = stripes.select(side == which)
@@ -208,11 +210,14 @@ def _plot_votes(axis: Axes, explanation: Explanation, search: Search) -> None:
         axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
 
 
-def _plot_fit(axis: Axes, explanation: Explanation, search: Search) -> None:
-    """Fitted lanes on the road in metres: the chosen one with its uncertainty, the rejected ones dashed."""
+def _plot_fit(axis: Axes, explanation: Explanation, fit: Fit) -> None:
+    """Lanes on the road in metres: the chosen one with its uncertainty, rejected ones dashed, the predicted dotted."""
     _set_road_axes(axis)
-    view, stripes = search.fit.view, search.fit.stripes
+    view, stripes = fit.view, fit.stripes
     axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
+    if explanation.prediction is not None:
+        lines = lines_on_view(explanation.prediction[None], view.x_m, view.height_m)[0]
+        axis.plot(lines.T, view.x_m, color="0.2", lw=1, ls=":", label=["predicted", None])
     for candidate in explanation.candidates:
         if not candidate.chosen:
             for line in lines_on_view(candidate.model[None], view.x_m, view.height_m)[0]:
@@ -236,7 +241,8 @@ def _plot_fit(axis: Axes, explanation: Explanation, search: Search) -> None:
 
 def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
     """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
-    results = [f"{name}: {words}" for name, words in explanation.summary().items()]
+    results = [f"prediction: {step.summary}" for step in explanation.steps if step.name == "prediction"]
+    results += [f"{name}: {words}" for name, words in explanation.summary().items()]
     results += explanation.confidence_summary()
     results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
     failed = explanation.failed

@@ -367,7 +367,7 @@ def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
     if share < MIN_LANE_SHARE:
         raise PoseError(
             f"only {share:.0%} of the {len(lines)} pictures with parallel lines show two that are a lane apart; "
-            "give pictures that show both lines of the ego lane, or the lane width of this road."
+            "give pictures that show both lines of the ego lane, or a camera file with the pose."
         )
 
 

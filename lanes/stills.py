@@ -38,10 +38,10 @@ SAME_LINE_SHARE = 0.02
 
 @dataclass(frozen=True, eq=False)
 class StillDetection:
-    """What was found in a single image, and what it was found in.
+    """What was found in an image, and what it was found in.
 
-    `evidence` is that of the band filter or of the network; `search` is None without stripes near the car; `lane` is
-    None if no lane is seen.
+    `evidence` is that of the band filter or of the network; `search` is None without stripes near the car, or if a
+    tracker made none; `lane` is None if no lane is seen.
     """
 
     evidence: FrameEvidence

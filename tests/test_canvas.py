@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
 import pytest
 
@@ -25,6 +26,15 @@ def test_a_polygon_is_mixed_by_alpha_inside_and_nowhere_else():
     assert not changed[:19].any() and not changed[82:].any() and not changed[:, :18].any()
     wide = blended([[-1e9, 40], [-1e9, 60], [1e9, 60], [1e9, 40]], WHITE, 1.0)
     assert (wide[50] == 255).all() and (wide[:39] == 100).all()
+
+
+def test_a_tall_polygon_is_blended_once_in_every_row():
+    """Bands of rows share no pixel and leave none out."""
+    image = np.full((400, 300, 3), 100, np.uint8)
+    blend_polygon(image, np.array([[150.0, -50], [20, 450], [280, 450]]), WHITE, 0.5, edge=cv2.LINE_8)
+    assert set(np.unique(image)) == {100, 178}
+    width_px = (image[..., 0] == 178).sum(axis=1)
+    np.testing.assert_allclose(width_px, (np.arange(400) + 50) * 260 / 500, atol=3)
 
 
 def test_edges_of_a_polygon_lie_between_pixels():

@@ -5,6 +5,7 @@ They run in this process; tests/end_to_end/test_commands.py starts them as proce
 
 from __future__ import annotations
 
+import argparse
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
+import lanes
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.cli import Annotate
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
@@ -176,7 +179,30 @@ def test_explain_names_the_failed_step(road, tmp_path, run):
     status, out, _ = run("explain", road / "grey.png", "--hfov", 60, "-o", tmp_path / "why.png")
     assert status == 0 and (tmp_path / "why.png").is_file()
     assert "only 0 of 1 pictures show two or more parallel lane lines" in out.partition("failed at  pose:")[2]
-    assert "what to do Give pictures of this drive that show both lines" in out
+    assert "what to do The pose was estimated from these files: give the field of view (--hfov)" in out
+
+
+def test_explain_a_frame_of_a_video_as_annotate_tracks_it(drive, tmp_path, run):
+    source = ["--camera", drive / "drive.yaml", drive / "drive.mp4"]
+    run("annotate", *source, "--start", 0.2, "--no-report", "-o", tmp_path)
+    status, out, _ = run("explain", *source, "--start", 0.2, "--at", 0.6, "-o", tmp_path / "why.png")
+    rows = read_telemetry(tmp_path / "drive.csv")
+    (row,) = np.flatnonzero(np.isclose(rows["time_s"], 0.6))
+    assert status == 0 and (tmp_path / "why.png").is_file()
+    assert f"prediction {rows['state'][row - 1]}, lane known for 0.40 s and last seen 0.04 s ago" in out
+    assert f"offset     {abs(rows['offset_m'][row]):.2f} ± " in out
+    status, out, _ = run("explain", *source, "-o", tmp_path / "why.png")
+    assert status == 0 and "state      searching" in out
+
+
+def test_messages_of_annotate_name_its_own_options():
+    parser = argparse.ArgumentParser()
+    Annotate.add_arguments(parser)
+    folder = Path(lanes.annotate.__code__.co_filename).parent
+    others = ("cli.py", "explain.py")
+    for file in folder.rglob("*.py"):
+        for option in re.findall(r"(?<![-\w])--[a-z][a-z-]*", file.read_text() if file.name not in others else ""):
+            assert option in parser._option_string_actions, (file, option)
 
 
 # --- misuse: a sentence that names the fault, no traceback, nothing written
@@ -221,6 +247,8 @@ MISUSE = {
     "explain: no camera file": (2, "none.yaml: there is no such", "explain {drive}/sky/sky.png --camera none.yaml"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
     "explain: odd time": (2, "soon does not do", "explain {drive}/drive.mp4 --hfov 60 --at soon"),
+    "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
+    "explain: outside": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --start 0.4 --at 0.2"),
     "explain: no video": (2, "cannot be read as a video", "explain {drive}/bad.yaml --hfov 60 --at 2"),
     "explain: two files": (2, "unrecognized arguments", "explain {drive}/sky/sky.png {drive}/cut.png --hfov 60"),
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import LineEvidence
@@ -28,6 +29,21 @@ def test_outlines_lie_on_the_paint():
         assert len(inside) > 5
         column = np.interp(inside[:, 1], paint[::-1, 1], paint[::-1, 0])
         np.testing.assert_allclose(inside[:, 0], column, atol=2.0)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (480, 768)], ids=["wide", "portrait"])
+@pytest.mark.parametrize("height_m", [0.9, 1.3, 3.0])
+def test_the_lane_is_drawn_down_to_the_lower_border(size, height_m):
+    _, lane = tracked_bends()
+    camera = Camera.from_fov(size, 60, CameraPose(height_m, pitch_rad=0.05))
+    image = np.full((*size[::-1], 3), 100, np.uint8)
+    for style, inside in (("lane", [40, 136, 97]), ("lines", [100, 100, 100])):
+        row = draw_lane(image, lane, camera, style=style)[-1].astype(int)
+        red, blue = row[:, 0] - row[:, 2] > 100, row[:, 2] - row[:, 0] > 100
+        left, right = (outline[outline[:, 1] >= size[1] - 1][-1, 0] for outline in lane_outlines(lane, camera))
+        # a line that leaves the image at its side does not reach the lower border
+        assert red.any() == (left > 0) and blue.any() == (right < size[0])
+        np.testing.assert_allclose(row[size[0] // 2], inside, atol=32)
 
 
 def test_outlines_end_with_the_evidence():

@@ -11,10 +11,14 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera
+from lanes.detect.lane import Lane
 from lanes.errors import CameraError, PictureError
-from lanes.explain import Explanation, explain
+from lanes.explain import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
 from lanes.figures import show_explanation
 from lanes.stills import detect_with_own_pose, find_lane
+from lanes.track.tracker import LaneTracker
+from lanes.video.reader import TimedFrame
+from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -159,6 +163,75 @@ class TestFailures:
             explain(np.zeros((360, 640, 3), np.uint8), CAMERA)
         with pytest.raises(CameraError, match="no pose"):
             explain(grey(100), replace(CAMERA, pose=None))
+
+
+@pytest.mark.parametrize("name", ["no lines", "far paint", "sky", "one line", "pitch motion", "tiles"])
+def test_a_pose_from_the_same_files_is_not_to_be_estimated_again(name):
+    make, step, _ = FAILURES[name]
+    image, camera = make()
+    given = explain(image, camera)
+    estimated = explain(image, camera, detection=given.detection, pose_doubt="")
+    assert given.failed.name == estimated.failed.name == step
+    assert given.failed.advice.endswith(RE_ESTIMATE_POSE) and estimated.failed.advice.endswith(OTHER_PICTURES)
+
+
+def test_a_doubtful_lane_with_a_doubtful_pose_names_both():
+    failed = explain(tiles_image(), CAMERA, pose_doubt="no parallel lines were seen.").failed
+    assert failed.name == "lane" and "cross the lane" in failed.failure
+    assert "no parallel lines were seen." in failed.failure and failed.advice.count(OTHER_PICTURES) == 1
+
+
+# The lane is black from 0.8 s on.
+DARK = replace(BENDS, black_s=(0.8, np.inf))
+
+
+def tracked(drive: PaintedDrive, until_s: float) -> tuple[Explanation, Lane | None]:
+    """The explanation of the frame at a time, and the lane of another tracker there."""
+    times_s = np.arange(0.0, until_s + 1e-6, 0.08)
+    frames = [TimedFrame(n, t, drive.frame(t), 0.08 if n else None) for n, t in enumerate(times_s)]
+    tracker = LaneTracker(drive.camera, fps=12.5)
+    lanes = [tracker.update(frame.image, elapsed_s=frame.elapsed_s) for frame in frames]
+    return explain_tracked(frames, LaneTracker(drive.camera, fps=12.5)), lanes[-1]
+
+
+class TestTrackedFrame:
+    def test_it_is_explained_as_it_was_tracked(self):
+        explanation, lane = tracked(DARK, 0.72)
+        np.testing.assert_array_equal(explanation.lane.model, lane.model)
+        assert (explanation.lane.state, explanation.lane.confidence) == ("tracking", lane.confidence)
+        assert [step.name for step in explanation.steps] == [*STEPS[:5], "prediction", *STEPS[6:]]
+        assert re.search("prediction tracking, lane known for 0.72 s and last seen 0.08 s ago", explanation.describe())
+        assert explanation.failed is None and not explanation.candidates and explanation.detection.search is None
+        assert np.abs(explanation.prediction - lane.centres)[:2].max() < 0.1
+        _, axes = show_explanation(explanation)
+        assert axes[5].get_title() == "6 Votes: no search in this frame"
+        assert "predicted" in [text.get_text() for text in axes[6].get_legend().get_texts()]
+
+    def test_the_first_frame_is_that_of_a_search(self):
+        explanation, _ = tracked(DARK, 0.0)
+        assert [step.name for step in explanation.steps] == STEPS and explanation.prediction is None
+        assert explanation.lane.state == "searching" and explanation.candidates[0].chosen
+
+    def test_a_lane_that_is_not_seen_is_predicted(self):
+        explanation, _ = tracked(DARK, 1.2)
+        assert explanation.lane.state == "coasting"
+        assert "coasting, lane known for 1.20 s and last seen 0.48 s ago" in explanation.describe()
+
+    def test_a_lost_lane_says_since_when_and_why(self):
+        explanation, lane = tracked(DARK, 2.4)
+        assert lane is explanation.lane is None and explanation.failed.name == "birdseye"
+        why = r"almost black.*the track was lost at 1\.\d\d s, [01]\.\d\d s after the lane was last seen\.$"
+        assert re.search(why, explanation.failed.failure)
+        show_explanation(explanation)
+
+    def test_a_road_without_lines_was_never_tracked(self):
+        explanation, _ = tracked(replace(BENDS, lines=()), 0.16)
+        assert explanation.failed.name in STEPS[3:7] and "no lane was known" in explanation.failed.failure
+
+    def test_a_camera_that_sees_no_road(self):
+        camera = SMALL.with_pose(replace(SMALL.pose, pitch_rad=-0.9))
+        frames = [TimedFrame(0, 0.0, BENDS.frame(0.0))]
+        assert "sees no road" in explain_tracked(frames, LaneTracker(camera, fps=25)).failed.failure
 
 
 @pytest.mark.slow

@@ -118,8 +118,8 @@ class BirdsEyeView:
         if not self.seen.any():
             raise CameraError(
                 f"the camera sees no road between {self.near_m:g} and {self.far_m:g} m ahead "
-                f"({self.camera.require_pose().describe()}); check the camera pose's angles, or estimate it from the "
-                "drive's own pictures."
+                f"({self.camera.require_pose().describe()}); check the angles of the camera pose, and whether the "
+                "pictures show a road."
             )
         first = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]

@@ -69,12 +69,9 @@ def find_wrong_yaw(rows: Mapping[str, np.ndarray]) -> float | None:
 
 
 def describe_wrong_yaw(yaw_rad: float) -> str:
-    """One sentence with the result of `find_wrong_yaw` and what to do."""
+    """The result of `find_wrong_yaw` in words."""
     side = "left" if yaw_rad > 0 else "right"
-    return (
-        f"the camera seems to look {np.degrees(abs(yaw_rad)):.1f} deg farther to the {side} than its pose says; "
-        "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
-    )
+    return f"the camera seems to look {np.degrees(abs(yaw_rad)):.1f} deg farther to the {side} than its pose says"
 
 
 def find_pose_change(rows: Mapping[str, np.ndarray]) -> PoseChange | None:

@@ -26,6 +26,7 @@ from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
     DetectorSettings,
+    Search,
     clear_share,
     inner_stripe_shift,
     lane_score,
@@ -130,6 +131,12 @@ class LaneTracker:
     ----------
     evidence : FrameEvidence or None
         What the last image showed.
+    search : Search or None
+        The search in the last image, None if none was due.
+    prediction : State or None
+        What the filter predicted for the last image, None if the lane is lost or was found by `search`.
+    fit : Fit or None
+        The fit to the last image with the prediction as prior, None without prediction.
 
     Raises
     ------
@@ -153,7 +160,6 @@ class LaneTracker:
         if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
             raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
         self.find_pose, self.settings = find_pose, settings or TrackerSettings()
-        self.evidence: FrameEvidence | None = None
         self._use(camera)
 
     @property
@@ -166,6 +172,8 @@ class LaneTracker:
         camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
+        self.evidence: FrameEvidence | None = None
+        self.search: Search | None = None
         self.reset()
 
     def reset(self) -> None:
@@ -178,6 +186,8 @@ class LaneTracker:
     def _forget_lane(self) -> None:
         """Search from scratch; what never moves in the images of this camera is still known."""
         self._estimate: State | None = None
+        self.prediction: State | None = None
+        self.fit: Fit | None = None
         self._lane: Lane | None = None
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
@@ -228,6 +238,7 @@ class LaneTracker:
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
         self._frames += 1
+        self.search = None
         self._since_search_s += elapsed_s
         search = self._search_is_due()
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
@@ -239,6 +250,7 @@ class LaneTracker:
             if self.speed_mps is not None:
                 predicted = with_given_speed(predicted, self.speed_mps, s.filter)
             fit = measure(evidence.stripes, predicted, view, s.detector.fit)
+            self.prediction, self.fit = predicted, fit
             estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
             if self.speed_mps is None:
                 estimate = without_wrong_yaw(estimate, s.filter)
@@ -261,7 +273,12 @@ class LaneTracker:
         if self._lane_moves:
             places = learned.stripes.row, self._static_columns(learned.stripes.y_m)
             learned = replace(learned, stripes=learned.stripes.select(~self._static.is_static(*places)))
-        return more_probable(found, self._search(learned))
+        of_band, lane = self.search, self._search(learned)
+        if more_probable(found, lane) is found:
+            self.search = of_band
+            return found
+        self.evidence = learned
+        return lane
 
     def _try_other_pose(self, image: np.ndarray) -> None:
         """While no lane is likely, look for one with a camera pose from this image alone, and go on with its pose."""
@@ -272,7 +289,7 @@ class LaneTracker:
         still = self.find_pose(image)
         if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
             self._use(still.camera)
-            self.evidence = still.evidence
+            self.evidence, self.search = still.evidence, still.search
             self._start(still.lane)
         self._since_pose_s = 0.0
 
@@ -426,8 +443,8 @@ class LaneTracker:
 
     def _search(self, evidence: FrameEvidence) -> Lane | None:
         """The lane found in the evidence without memory."""
-        found = search_lane(evidence, self.settings.detector)
-        return found.lane if found else None
+        self.search = search_lane(evidence, self.settings.detector)
+        return self.search.lane if self.search else None
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
         """Columns of the static pattern at lateral positions."""
