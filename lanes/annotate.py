@@ -347,7 +347,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     failures: list[LaneError] = []
     detected = detect_stills(stills, settings, failures)
     first = next(detected)  # raises if no still can be used, before anything is written
-    path = settings.output / "pictures.csv"
+    path, pose = settings.output / "pictures.csv", None
     with exclusive_writer(path), TelemetryWriter(path) as table:
         for still in chain([first], detected):
             detection = still.detection
@@ -355,10 +355,11 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
             drawn = draw_lane(still.image, lane, camera, style=settings.style, evidence=detection.evidence)
             outputs.append(write_image(settings.output / still.path.name, drawn))
             table.write({"frame": len(outputs) - 1, "picture": still.path.name, **telemetry_row(lane)})
-            if still.pose and still.pose.still:
+            if still.pose is None or still.pose.still is None:
+                pose = still.pose
+            else:
                 found = f"{lane.state} (confidence {lane.confidence:.2f})" if lane else LOST
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
-    pose = None if first.pose and first.pose.still else first.pose
     if pose:
         lines.append(pose.describe())
         if pose.frames_used < pose.frames_total / 2:
@@ -398,7 +399,7 @@ def detect_stills(stills: Sequence[Path], settings: DriveSettings, failures: lis
 
 
 def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
-    """What is found in each still of one camera. If they show no common pose, each gets a pose of its own."""
+    """What is found in each still of one camera, with a pose of its own where the common pose shows no likely lane."""
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:
@@ -419,17 +420,12 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
         camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), image if alone else usable)
     except PoseError as error:
         raise PoseError(f"{usable[0]}: {error}") from error
-    if pose and not alone and pose.lane_width_m is None:
-        # The stills show no common pose: each gets its own.
-        for path in usable:
-            yield from _detect_group([path], settings, failures)
-        return
     for path in usable:
         if not alone:
             image, began_s = read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
         detection, of_still = pose.still if pose and pose.still else detect_still(image, camera), pose
-        if pose and not alone and detection.confidence < LIKELY_CONFIDENCE:
+        if pose and not alone and (pose.lane_width_m is None or detection.confidence < LIKELY_CONFIDENCE):
             # The pose of the others may not be that of this still.
             own = estimate_pose(image, settings.camera_for((width, height), path))
             if own.still and own.still.confidence > detection.confidence:

@@ -1,10 +1,11 @@
-"""Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lane lines.
+"""Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lanes that they show.
 
-Parallel lines on a flat road meet in a vanishing point on the horizon (`lanes.vanishing_point`). Its row gives the
-pitch. Its column gives the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width
-in metres, divided by the lane width in camera heights, gives the height. Lanes of equal width that look narrower on one
-side give the roll. If too few images show two lines that are a lane apart, the angles come from all their edges, and
-the height is the usual one: no drive is refused, and the confidence of its lanes says the rest.
+The edges along the road give a first pitch and yaw (`lanes.vanishing_point`). With poses near it the lane is looked for
+in each image (`lanes.stills`). Lines that are parallel on the road give the pitch of the image. Their direction gives
+the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width gives the height. Lanes
+of equal width that look narrower on one side give the roll. The pose is the median over the images.
+
+No drive is refused: where few images show a lane, the pose is doubtful, and the confidence of its lanes says the rest.
 """
 
 from __future__ import annotations
@@ -21,22 +22,12 @@ import numpy as np
 
 from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
+from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.road import ADJACENT
 from lanes.errors import PoseError
 from lanes.sources import find_sources, sample_images
-from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_with_own_pose
-from lanes.vanishing_point import (
-    X0_BINS,
-    Y0_BINS,
-    RoadLines,
-    Segments,
-    drop_static,
-    find_edge_direction,
-    find_segments,
-    fit_parallel_lines,
-    hough_votes,
-    mode_and_std,
-    std_about,
-)
+from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
+from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation.
@@ -45,23 +36,21 @@ LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
 PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
 # Prior of the roll: cameras are installed level by eye, within about a degree.
 PRIOR_ROLL_STD_RAD = np.radians(1.0)
-# Prior of the road direction in the image: cameras are aimed ahead by eye, and cars drive along their lane.
-PRIOR_DIRECTION_STD_RAD = np.radians(10.0)
-# Standard deviation, in one image, of the pitch motion of the car and of its heading in the lane.
-PITCH_MOTION_STD_RAD, HEADING_STD_RAD = np.radians(0.3), np.radians(1.0)
-# Acceptance limits, chosen on painted roads of known pose (tests/test_pose.py). At least: stripe rows in an image,
-# share of images with parallel lines, share of those with two lines a lane apart.
-MIN_STRIPE_ROWS, MIN_LINES_SHARE, MIN_LANE_SHARE = 60, 0.25, 0.3
-# At most: scatter of the road direction between images, and its median angle to the optical axis.
-MAX_DIRECTION_SCATTER_DEG, MAX_DIRECTION_DEG = 10.0, 12.0
-# Images of a drive without a pose from lane lines that are searched with several heights, in half a second each.
-LANES_FOR_HEIGHT = 6
+# Standard deviation, in one image, of the pitch motion of the car, of its heading in the lane, and of the lane width of
+# one road relative to its mean.
+PITCH_MOTION_STD_RAD, HEADING_STD_RAD, LANE_WIDTH_SCATTER = np.radians(0.3), np.radians(1.0), 0.04
+# Images of a drive have much in common: their edges count as at most this number of independent images.
+MAX_INDEPENDENT_IMAGES = 8
+# Images of a drive that are searched with several poses each, in half a second, before all are with one.
+SEARCHED_IMAGES = 8
+# Share of the images with a likely lane, below which the pose is doubtful. Weight of a lane without confidence.
+MIN_LIKELY_SHARE, MIN_WEIGHT = 0.25, 1e-3
 # Images are resized to this width: the pixel limits of `lanes.vanishing_point` are for it, and more pixels do not show
 # more stripes.
 WORKING_WIDTH_PX = 1280
 
 # Images taken from the files of a drive; more did not improve the estimate.
-POSE_PICTURES = 40
+POSE_PICTURES = 24
 
 Progress = Callable[[int, int], None]
 
@@ -70,10 +59,10 @@ Progress = Callable[[int, int], None]
 class PoseEstimate:
     """The camera with the estimated pose, and the standard deviations of the pose.
 
-    `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with at least two
-    parallel lines. `lane_width_m` determines the height, or follows from a given height; it is None if the height does
-    not come from lane lines. `notes` name what the images do not determine. If the pose was estimated from a single
-    image, `still` is what was found in it, and the pose is that of its lane.
+    `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with a likely lane.
+    `lane_width_m` determines the height, or follows from a given height; it is None if the pose is doubtful, because
+    too few images show a likely lane. `notes` name what the images do not determine. If the pose was estimated from a
+    single image, `still` is what was found in it, and the pose is that of its lane.
     """
 
     camera: Camera
@@ -111,9 +100,8 @@ class PoseEstimate:
         return "\n".join(lines + [f"note: {note}" for note in self.notes])
 
     def summary_line(self) -> str:
-        """One line with the numbers, and with what they were estimated from."""
-        numbers = ", ".join(f"{name} {text}" for name, text in self.summary().items() if name != "pictures")
-        return f"pose from {'all edges' if self.lane_width_m is None else 'lane lines'}: {numbers}"
+        """One line with the numbers."""
+        return f"pose: {', '.join(f'{name} {text}' for name, text in self.summary().items() if name != 'pictures')}"
 
     def describe_accuracy(self) -> str:
         """One sentence with the expected accuracy of offset, lane width, distances and curvature.
@@ -200,16 +188,38 @@ def estimate_pose(
         resized, resized_camera = _resize(chain(first, images), camera)
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
-    try:
-        estimate = _pose_from_lines(resized, resized_camera, lane_width_m, height_m, progress)
-    except PoseError as error:
-        estimate = _pose_from_edges(resized, resized_camera, height_m, error)
-    if estimate.frames_total > 1:
-        return replace(estimate, camera=camera.with_pose(estimate.pose))
-    height_log_std = estimate.height_std_m / estimate.pose.height_m
-    still = detect_with_own_pose(first[0], camera.with_pose(estimate.pose), height_log_std)
-    height_std_m = height_log_std * still.camera.require_pose().height_m
-    return replace(estimate, camera=still.camera, height_std_m=height_std_m, still=still)
+    alone = len(resized) == 1
+    edges = find_edge_direction(resized, resized_camera, MAX_INDEPENDENT_IMAGES)
+
+    def estimate_from(direction: Direction) -> PoseEstimate:
+        start = CameraPose(height_m or PRIOR_HEIGHT_M, direction[0][0], direction[1][0])
+        if alone:
+            return _pose_from_still(first[0], camera.with_pose(start), direction, fixed_height=height_m is not None)
+        return _pose_from_lanes(resized, resized_camera.with_pose(start), lane_width_m, height_m, progress)
+
+    estimate = estimate_from(edges)
+    if 2 * estimate.frames_used < estimate.frames_total:
+        # in a wood or a city the edges may run elsewhere; most cameras look ahead
+        estimate = max(estimate, estimate_from(AHEAD), key=attrgetter("frames_used"))
+    return replace(estimate, camera=camera.with_pose(estimate.pose))
+
+
+def _pose_from_still(image: np.ndarray, camera: Camera, direction: Direction, *, fixed_height: bool) -> PoseEstimate:
+    """The pose of the most probable lane in a single image; `direction` is that of the pose of `camera`."""
+    log_std = 0.0 if fixed_height else PRIOR_HEIGHT_LOG_STD
+    still = detect_with_own_pose(image, camera, log_std)
+    return PoseEstimate(
+        camera=still.camera,
+        height_std_m=log_std * still.camera.require_pose().height_m,
+        pitch_std_rad=direction[0][1],
+        yaw_std_rad=direction[1][1],
+        roll_std_rad=PRIOR_ROLL_STD_RAD,
+        frames_used=int(still.confidence >= LIKELY_CONFIDENCE),
+        frames_total=1,
+        lane_width_m=None,
+        notes=("Pitch and yaw are from the vanishing point of all edges; height and roll are assumed.",),
+        still=still,
+    )
 
 
 def ensure_pose(camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
@@ -250,201 +260,113 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     return resized, resized_camera
 
 
-def _pose_from_edges(
-    images: list[np.ndarray], camera: Camera, height_m: float | None, no_lines: PoseError
-) -> PoseEstimate:
-    """The pose of images without parallel lane lines: angles from all their edges, height and roll assumed."""
-    pitch, yaw = find_edge_direction(images, camera, MAX_INDEPENDENT_IMAGES)
-    estimate = PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or PRIOR_HEIGHT_M, pitch[0], yaw[0])),
-        height_std_m=0.0 if height_m else PRIOR_HEIGHT_LOG_STD * PRIOR_HEIGHT_M,
-        pitch_std_rad=pitch[1],
-        yaw_std_rad=yaw[1],
-        roll_std_rad=PRIOR_ROLL_STD_RAD,
-        frames_used=len(images),
-        frames_total=len(images),
-        lane_width_m=None,
-        notes=(f"{no_lines} Pitch and yaw are from the vanishing point of all edges; height and roll are assumed.",),
-    )
-    return estimate if height_m or len(images) == 1 else _with_height_of_lanes(estimate, images)
+# What a lane in one image says about the camera pose, by column.
+CONFIDENCE, LOG_HEIGHT, PITCH_RAD, YAW_RAD, ROLL_RAD = range(5)
 
 
-def _with_height_of_lanes(estimate: PoseEstimate, images: list[np.ndarray]) -> PoseEstimate:
-    """The estimate with the height that shows the surest lane in one of some images, each looked at alone."""
-    log_std = estimate.height_std_m / estimate.pose.height_m
-    some = images[:: -(-len(images) // LANES_FOR_HEIGHT)]
-    found = [detect_with_own_pose(image, estimate.camera, log_std) for image in some]
-    best = max(found, key=attrgetter("confidence"))
-    height_m = best.camera.require_pose().height_m
-    pose = replace(estimate.pose, height_m=height_m)
-    return replace(estimate, camera=estimate.camera.with_pose(pose), height_std_m=log_std * height_m)
-
-
-def _pose_from_lines(
+def _pose_from_lanes(
     images: list[np.ndarray], camera: Camera, lane_width_m: float, height_m: float | None, progress: Progress | None
 ) -> PoseEstimate:
-    """The pose of images with parallel lane lines: the vanishing points of all of them, height and roll combined."""
-    segments = _find_all_segments(images, camera, progress)
-    horizon = _vote_horizon(segments)
-    roll_rad = 0.0
-    for _ in range(2):
-        # Roll tilts the horizon. The second pass fits the lines again with the roll of the first pass removed.
-        fits = (fit_parallel_lines(s.without_roll(roll_rad), horizon, 3 * PITCH_MOTION_STD_RAD) for s in segments)
-        lines = [f for f in fits if f and f.y0_std < PITCH_MOTION_STD_RAD and f.rows.sum() >= MIN_STRIPE_ROWS]
-        _require_lines(lines, len(images))
-        (lanes_height_m, height_std_m), (roll_rad, roll_std_rad) = estimate_height_and_roll(
-            lines, lane_width_m, height_m or PRIOR_HEIGHT_M, roll_rad
+    """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
+    some = images[:: -(-len(images) // SEARCHED_IMAGES)]
+    log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
+    shown = [_shown_by(detect_with_own_pose(image, camera, log_std), lane_width_m) for image in some]
+    for last in (False, True):
+        camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
+        shown = []
+        for done, image in enumerate(images, 1):
+            shown.append(_shown_by(detect_still(image, camera), lane_width_m))
+            if last and progress:
+                progress(done, len(images))
+    return _summarise(np.array(shown), camera, lane_width_m, height_m)
+
+
+def _shown_by(still: StillDetection, lane_width_m: float) -> list[float]:
+    """The five numbers that the lane of an image says; the roll is NaN without far lines, all are without a lane.
+
+    A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
+    each by the share 2 r W / H, for lanes of width W and the camera height H.
+    """
+    lane, pose = still.lane, still.camera.require_pose()
+    if lane is None:
+        return [0.0] + [np.nan] * 4
+    height_m, roll_rad = pose.height_m * lane_width_m / lane.width_m, np.nan
+    if any(lane.far_evidence):
+        left_m, right_m = lane.model[ADJACENT]
+        roll_rad = pose.roll_rad + float(right_m - left_m) * pose.height_m / (4 * lane.width_m**2)
+    pitch_rad, yaw_rad = pose.pitch_rad + lane.pitch_rad, pose.yaw_rad - lane.heading_rad
+    return [lane.confidence, float(np.log(height_m)), pitch_rad, yaw_rad, roll_rad]
+
+
+def _median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
+    """The pose whose numbers are the medians of those `shown` (images, 5), weighted by confidence."""
+    log_height, pitch_rad, yaw_rad, roll_rad = (
+        _weighted_median(shown[:, column], shown[:, CONFIDENCE], start)
+        for column, start in (
+            (LOG_HEIGHT, np.log(pose.height_m)),
+            (PITCH_RAD, pose.pitch_rad),
+            (YAW_RAD, pose.yaw_rad),
+            (ROLL_RAD, pose.roll_rad),
         )
-    _require_lanes(lines, lane_width_m / lanes_height_m)
-    pitches = -np.arctan([line.y0 for line in lines])
-    # The vanishing point is the image of the direction ahead: x0 = tan(yaw) / cos(pitch), y0 = -tan(pitch).
-    yaws = np.arctan([line.x0 for line in lines] * np.cos(pitches))
-    pitch_rad, pitch_std_rad = _median(pitches, PITCH_MOTION_STD_RAD)
-    yaw_rad, yaw_std_rad = _median(yaws, HEADING_STD_RAD)
-    height_std_m = float(np.hypot(height_std_m, lanes_height_m * LANE_WIDTH_STD_M / lane_width_m))
+    )
+    return CameraPose(height_m or float(np.exp(log_height)), pitch_rad, yaw_rad, roll_rad)
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray, default: float) -> float:
+    """Median of the values (N,) that are not NaN; the default without any."""
+    known = np.isfinite(values)
+    if not known.any():
+        return float(default)
+    order = np.argsort(values[known])
+    total = np.cumsum(weights[known][order] + MIN_WEIGHT)
+    return float(values[known][order][np.searchsorted(total, total[-1] / 2)])
+
+
+def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m: float | None) -> PoseEstimate:
+    """The estimate from what the lanes of the last pass have `shown` (images, 5), with standard deviations."""
+    pose, total = camera.require_pose(), len(shown)
+    used = int((shown[:, CONFIDENCE] >= LIKELY_CONFIDENCE).sum())
+    doubtful = used < max(1, MIN_LIKELY_SHARE * total)
+    log_std = _std_of_median(shown[:, LOG_HEIGHT], LANE_WIDTH_SCATTER)
+    log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, LANE_WIDTH_STD_M / lane_width_m))
+    rolls = int(np.isfinite(shown[:, ROLL_RAD]).sum())
     notes = []
-    if roll_std_rad >= PRIOR_ROLL_STD_RAD:
-        notes.append("no lane next to the ego lane is visible well enough to determine the roll; it is set to 0")
-    if len(lines) < 5:
+    if doubtful:
+        notes.append(
+            f"only {used} of {total} pictures show a lane that is more likely right than wrong with this pose; give "
+            "pictures of a marked road by day, with the lines of the ego lane in view"
+        )
+    if not rolls:
+        notes.append("no line beyond the ego lane is visible well enough to determine the roll; it is set to 0")
+    if used < 5:
         notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
     return PoseEstimate(
-        camera=camera.with_pose(CameraPose(height_m or lanes_height_m, pitch_rad, yaw_rad, roll_rad)),
-        height_std_m=0.0 if height_m else height_std_m,
-        pitch_std_rad=pitch_std_rad,
-        yaw_std_rad=yaw_std_rad,
-        roll_std_rad=roll_std_rad,
-        frames_used=len(lines),
-        frames_total=len(images),
-        lane_width_m=lane_width_m * (height_m / lanes_height_m if height_m else 1),
+        camera=camera,
+        height_std_m=0.0 if height_m else log_std * pose.height_m,
+        pitch_std_rad=_std_of_median(shown[:, PITCH_RAD], PITCH_MOTION_STD_RAD),
+        yaw_std_rad=_std_of_median(shown[:, YAW_RAD], HEADING_STD_RAD),
+        roll_std_rad=_std_of_median(shown[:, ROLL_RAD], PRIOR_ROLL_STD_RAD),
+        frames_used=used,
+        frames_total=total,
+        lane_width_m=None if doubtful else lane_width_m * _width_ratio(shown, height_m),
         notes=tuple(notes),
     )
 
 
-def _find_all_segments(images: list[np.ndarray], camera: Camera, progress: Progress | None) -> list[Segments]:
-    """Stripe segments of each image, below the horizon of a coarse search in up to 20 images.
-
-    Each of the four start rows of that search finds a part of the stripes.
-    """
-    few, rows = images[:: -(-len(images) // 20)], [share * camera.height for share in (0.3, 0.45, 0.6, 0.75)]
-    coarse = drop_static([[find_segments(image, camera, row) for row in rows] for image in few], camera)
-    coarse_y0 = _vote_horizon(coarse)
-    horizon_row = float(camera.matrix[1, 2] + camera.matrix[1, 1] * coarse_y0)
-    segments = []
-    for done, image in enumerate(images, 1):
-        segments.append(find_segments(image, camera, horizon_row))
-        if progress:
-            progress(done, len(images))
-    return drop_static([[of_image] for of_image in segments], camera)
+def _width_ratio(shown: np.ndarray, height_m: float | None) -> float:
+    """Width of the lanes relative to the given one: 1, unless the height is given."""
+    if height_m is None:
+        return 1.0
+    return height_m / float(np.exp(_weighted_median(shown[:, LOG_HEIGHT], shown[:, CONFIDENCE], np.log(height_m))))
 
 
-def _vote_horizon(segments: list[Segments]) -> float:
-    """The y0 with most votes of all images; direction and curvature are free in each image."""
-    prior = np.exp(-0.5 * (X0_BINS / PRIOR_DIRECTION_STD_RAD) ** 2)
-    votes = sum((hough_votes(s) * prior).max(axis=(1, 2)) for s in segments)
-    return float(Y0_BINS[np.argmax(votes)])
-
-
-def _require_lines(lines: list[RoadLines], total: int) -> None:
-    if len(lines) < max(1, MIN_LINES_SHARE * total):
-        raise PoseError(
-            f"only {len(lines)} of {total} pictures show two or more parallel lane lines; "
-            "give pictures of a marked road by day, with the lines of the ego lane in view."
-        )
-    directions_deg = np.degrees(np.arctan([line.x0 for line in lines]))
-    median_deg, scatter_deg = np.median(directions_deg), _robust_std(directions_deg)
-    if scatter_deg > MAX_DIRECTION_SCATTER_DEG or abs(median_deg) > MAX_DIRECTION_DEG:
-        raise PoseError(
-            f"the lines found in {len(lines)} pictures run {median_deg:.0f} degrees off the optical axis and scatter "
-            f"by {scatter_deg:.0f} degrees: they are not lane lines, or the road is too winding; "
-            "give pictures of a straighter stretch from a camera that looks ahead."
-        )
-
-
-def _require_lanes(lines: list[RoadLines], lane_width: float) -> None:
-    """Raise PoseError unless enough images show two lines that are `lane_width` camera heights apart."""
-    width, _, number = _line_pairs(lines)
-    share = len(np.unique(number[np.abs(width / lane_width - 1) < 3 * LANE_WIDTH_SCATTER])) / len(lines)
-    if share < MIN_LANE_SHARE:
-        raise PoseError(
-            f"only {share:.0%} of the {len(lines)} pictures with parallel lines show two that are a lane apart; "
-            "give pictures that show both lines of the ego lane, or a camera file with the pose."
-        )
-
-
-def _median(values: np.ndarray, motion_std: float) -> tuple[float, float]:
-    """Median over the images, and its standard deviation; `motion_std` is the prior scatter of an image."""
+def _std_of_median(values: np.ndarray, motion_std: float) -> float:
+    """Standard deviation of the median of values (N,); `motion_std` is the prior scatter of one image."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return motion_std
     # The scatter of few values is uncertain, so the prior counts like two more values.
-    variance = (len(values) * _robust_std(values) ** 2 + 2 * motion_std**2) / (len(values) + 2)
+    scatter = 1.4826 * np.median(np.abs(known - np.median(known)))
+    variance = (len(known) * scatter**2 + 2 * motion_std**2) / (len(known) + 2)
     # The median of n normal values has the variance pi / 2n.
-    return float(np.median(values)), float(np.sqrt(np.pi / 2 * variance / len(values)))
-
-
-def _robust_std(values: np.ndarray) -> float:
-    """Standard deviation from the median absolute deviation, which is robust against outliers."""
-    return float(1.4826 * np.median(np.abs(values - np.median(values))))
-
-
-# Camera height and roll from the apparent width of the lanes.
-#
-# The lateral position k of a line is in camera heights. Two lines that bound a lane therefore differ by lane width /
-# camera height in k. Lanes of one road have about the same width. Where the lanes on one side look wider than those on
-# the other, the camera is rolled.
-
-# Grids of the heights, as multiples of the prior height, and of the rolls.
-HEIGHT_RATIOS, ROLL_GRID_RAD = np.geomspace(0.4, 2.5, 240), np.radians(np.linspace(-4, 4, 81))
-# Relative standard deviation of the lane widths of one road. It is common to all images of a drive, which therefore
-# count as at most eight independent ones.
-LANE_WIDTH_SCATTER, MAX_INDEPENDENT_IMAGES = 0.04, 8
-# Standard deviation of the car's distance from the middle of its lane.
-OFFSET_STD_M = 0.4
-# Likelihood of a pair of lines that do not bound one lane, relative to the peak for those that do.
-OUTLIER_LIKELIHOOD = 0.05
-
-
-def estimate_height_and_roll(
-    lines: list[RoadLines], lane_width_m: float, prior_height_m: float, roll_rad: float
-) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Camera height and roll from the apparent width of the lanes, each with its standard deviation.
-
-    `lines` are those of each image, corrected for the current estimate `roll_rad`. The approximate height
-    `prior_height_m` distinguishes one lane from two lanes whose common line is worn off. The roll is 0 with the
-    standard deviation of the prior if the images do not determine it.
-
-    A remaining roll r moves a line from k to k + r (1 + k^2). A lane between k1 and k2 then looks 1 + r (k1 + k2) times
-    as wide. A pair of lines may bound a lane or not, so the likelihood is a mixture with a constant. It is evaluated on
-    a grid of heights and rolls, because it can have several maxima.
-    """
-    width, centre, _ = _line_pairs(lines)
-    # Two lanes whose common line is worn off look like one wide lane, but the car is far from its middle.
-    offset_m = centre / width * lane_width_m
-    around = np.abs(offset_m) < lane_width_m / 2
-    ego_likelihood = np.where(around, np.exp(-0.5 * (offset_m / OFFSET_STD_M) ** 2), 1.0)
-    heights_m = prior_height_m * HEIGHT_RATIOS
-    level_width = width[:, None] * (1 - 2 * ROLL_GRID_RAD * centre[:, None])
-    residual = (level_width[:, None, :] * (heights_m / lane_width_m)[:, None] - 1) / LANE_WIDTH_SCATTER
-    likelihood = ego_likelihood[:, None, None] * np.exp(-0.5 * residual**2)
-    log_posterior = np.log(OUTLIER_LIKELIHOOD + likelihood).sum(axis=0)
-    log_posterior *= min(1.0, MAX_INDEPENDENT_IMAGES / len(lines))
-    height_stds = np.log(HEIGHT_RATIOS) / PRIOR_HEIGHT_LOG_STD
-    log_posterior -= 0.5 * (height_stds[:, None] ** 2 + ((roll_rad + ROLL_GRID_RAD) / PRIOR_ROLL_STD_RAD) ** 2)
-    posterior = np.exp(log_posterior - log_posterior.max())
-    any_roll = posterior.sum(axis=1)
-    roll, roll_std = mode_and_std(ROLL_GRID_RAD, posterior.sum(axis=0))
-    # The roll is not observed if its posterior is hardly narrower than its prior.
-    if roll_std > 0.85 * PRIOR_ROLL_STD_RAD:
-        # the height of a nearly level camera: another one may belong to lines that are a lane only with a large roll
-        tilt_rad = np.abs(roll_rad + ROLL_GRID_RAD)
-        nearly_level = tilt_rad <= max(PRIOR_ROLL_STD_RAD / 2, tilt_rad.min())
-        height_m = float(heights_m[np.argmax(posterior[:, nearly_level].sum(axis=1))])
-        return (height_m, std_about(height_m, heights_m, any_roll)), (0.0, PRIOR_ROLL_STD_RAD)
-    return mode_and_std(heights_m, any_roll), (roll_rad + roll, roll_std)
-
-
-def _line_pairs(lines: list[RoadLines]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All pairs of lines of one image: distance and centre in k, index of the image."""
-    pairs = []
-    for number, image in enumerate(lines):
-        left, right = (image.lateral[indices] for indices in np.triu_indices(len(image.lateral), 1))
-        pairs.append(np.stack([right - left, (right + left) / 2, np.full(len(left), number)]))
-    width, centre, numbers = np.hstack(pairs)
-    return width, centre, numbers
+    return float(np.sqrt(np.pi / 2 * variance / len(known)))

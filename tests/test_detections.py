@@ -150,10 +150,10 @@ def test_stills_of_different_cameras_have_a_pose_each(folder, detect, tmp_path):
     files = [folder / "frame0.png", other, folder / "black.png"]
     status, found, out, err = detect("--each", *files)
     assert status == 0, err
-    assert re.search(r"frame0.png: pose from (lane lines|all edges): .*\n.*other.jpg: .*pitch 3.0\d ±", out)
+    assert re.search(r"frame0.png: pose: .*\n.*other.jpg: .*pitch 3.0\d ±", out)
     assert "field of view 60.0 deg, assumed" in out and "warning: field of view 60.0 deg" in err
     # A still without a road is not refused: no lane is found in it.
-    assert "black.png: pose from all edges: height 1.35 ± 0.34 m (assumed)" in out
+    assert "black.png: pose: height 1.35 ± 0.34 m (assumed)" in out
     states = ("found", "found", "lost")
     assert [(row["raw_file"], row["state"]) for row in found] == list(zip(map(str, files), states, strict=True))
     # The true field of view of the first camera is not the assumed one, which hardly matters in the picture.

@@ -12,8 +12,7 @@ import pytest
 from lanes.camera import Camera, CameraPose, camera_from_dict
 from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
-from lanes.pose import PoseEstimate, ensure_pose, estimate_height_and_roll, estimate_pose
-from lanes.vanishing_point import RoadLines
+from lanes.pose import PoseEstimate, ensure_pose, estimate_pose
 from tests.support.not_roads import not_a_road
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
@@ -179,7 +178,7 @@ class TestOneImage:
         estimate = estimate_pose(images, camera)
         assert np.degrees([estimate.pose.pitch_rad, estimate.pose.yaw_rad]) == pytest.approx([2.0, 1.5], abs=1.0)
         assert abs(estimate.pose.height_m - 1.5) < 2 * estimate.height_std_m
-        assert "only 0 of 3 pictures show two or more parallel lane lines" in estimate.notes[0]
+        assert estimate.lane_width_m is None and "only 0 of 3 pictures show a lane" in estimate.notes[0]
         assert estimate.pitch_std_rad <= estimate_pose(images[0], camera).pitch_std_rad
 
 
@@ -230,19 +229,12 @@ class TestNoLanes:
     def test_images_without_lanes(self, image):
         estimate = estimate_pose([image] * 3, CAMERA)
         assert estimate.lane_width_m is None and estimate.height_std_m > 0.2
-        assert estimate.notes[0].startswith("only 0 of 3 pictures show two or more parallel lane lines")
+        assert estimate.notes[0].startswith("only 0 of 3 pictures show a lane")
 
     @pytest.mark.slow
     def test_one_line_alone(self):
         estimate = estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
-        assert "parallel lane lines" in estimate.notes[0] or "a lane apart" in estimate.notes[0]
-
-    @pytest.mark.slow
-    def test_lines_that_bound_no_lane(self):
-        images = drive(CAMERA, (0.0,) * 3, lines=(0, 2), solid=(0, 2))
-        estimate = estimate_pose(images, CAMERA, lane_width_m=2.2, height_m=1.35)
-        assert "a lane apart" in estimate.notes[0]
-        assert (estimate.pose.height_m, estimate.height_std_m) == (1.35, 0.0)
+        assert estimate.notes[0].startswith("only 0 of 2 pictures show a lane")
 
 
 class TestRefused:
@@ -279,34 +271,3 @@ def test_description_words_the_signs_and_gives_standard_deviations():
     ]
     assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch 1.80 ± 0.06 deg ")
     assert "<th>note 1</th><td>roll &lt;unknown&gt;</td>" in estimate._repr_html_()
-
-
-LANE_M, FULL, FEW = 3.66, 40, 8
-# Height of the camera; lateral position of each line in lane widths, and the rows on which it is seen; pictures.
-HEIGHTS = {
-    "a lane left of the car's middle": (2.0, {-0.64: FULL, 0.36: FULL}, 1),
-    "a lane around the car": (2.0, {-0.5: FULL, 0.5: FULL}, 1),
-    # taken for one lane, the two would be seen from 1 m by a car far from its middle
-    "two lanes whose common line is worn": (2.0, {-0.5: FULL, 0.5: FEW, 1.5: FULL}, 1),
-    "two lanes whose common line is worn, mirrored": (2.0, {-1.5: FULL, -0.5: FEW, 0.5: FULL}, 1),
-    # the seam is as far from its line as a lane of a camera that is 3.3 m high and rolled
-    "a lane and a seam beside it": (1.2, {-0.94: FULL, -0.61: FULL, 0.39: FULL // 2}, 8),
-    "a lane beside a car that changes lanes": (2.0, {-1.5: FULL, -0.5: FULL, 0.5: FEW}, 1),
-}
-
-
-def height_from(height_m: float, lines: dict[float, int], images: int) -> tuple[float, float]:
-    """The height and its standard deviation, from the lines that a camera so high sees in each image."""
-    lateral_m, rows = LANE_M * np.array([*lines]), np.array([*lines.values()])
-    seen = RoadLines(0.0, 0.0, 0.0, 0.01, lateral_m / height_m, rows)
-    return estimate_height_and_roll([seen] * images, LANE_M, 1.35, 0.0)[0]
-
-
-@pytest.mark.parametrize("name", HEIGHTS)
-def test_the_height_comes_from_the_two_lines_that_bound_a_lane(name):
-    assert height_from(*HEIGHTS[name])[0] == pytest.approx(HEIGHTS[name][0], rel=0.03)
-
-
-def test_two_lines_alone_leave_more_doubt_about_the_height_than_four():
-    four = height_from(2.0, dict.fromkeys((-1.5, -0.5, 0.5, 1.5), FULL), 1)
-    assert height_from(*HEIGHTS["a lane around the car"])[1] > 2 * four[1]
