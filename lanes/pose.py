@@ -43,8 +43,10 @@ PITCH_MOTION_STD_RAD, HEADING_STD_RAD, LANE_WIDTH_SCATTER = np.radians(0.3), np.
 MAX_INDEPENDENT_IMAGES = 8
 # Images of a drive that are searched with several poses each, in half a second, before all are with one.
 SEARCHED_IMAGES = 8
-# Share of the images with a likely lane, below which the pose is doubtful. Weight of a lane without confidence.
-MIN_LIKELY_SHARE, MIN_WEIGHT = 0.25, 1e-3
+# Share of the images with a likely lane, below which the pose is doubtful.
+MIN_LIKELY_SHARE = 0.25
+# Weight of the pose that the images were searched with; that of a lane is its confidence.
+START_WEIGHT = 0.5
 # Images are resized to this width: the pixel limits of `lanes.vanishing_point` are for it, and more pixels do not show
 # more stripes.
 WORKING_WIDTH_PX = 1280
@@ -201,7 +203,7 @@ def estimate_pose(
     if 2 * estimate.frames_used < estimate.frames_total:
         # in a wood or a city the edges may run elsewhere; most cameras look ahead
         estimate = max(estimate, estimate_from(AHEAD), key=attrgetter("frames_used"))
-    return replace(estimate, camera=camera.with_pose(estimate.pose))
+    return estimate if alone else replace(estimate, camera=camera.with_pose(estimate.pose))
 
 
 def _pose_from_still(image: np.ndarray, camera: Camera, direction: Direction, *, fixed_height: bool) -> PoseEstimate:
@@ -217,7 +219,7 @@ def _pose_from_still(image: np.ndarray, camera: Camera, direction: Direction, *,
         frames_used=int(still.confidence >= LIKELY_CONFIDENCE),
         frames_total=1,
         lane_width_m=None,
-        notes=("Pitch and yaw are from the vanishing point of all edges; height and roll are assumed.",),
+        notes=("height and roll are assumed, and the yaw contains the car's heading in its lane",),
         still=still,
     )
 
@@ -282,13 +284,13 @@ def _pose_from_lanes(
 
 
 def _shown_by(still: StillDetection, lane_width_m: float) -> list[float]:
-    """The five numbers that the lane of an image says; the roll is NaN without far lines, all are without a lane.
+    """The five numbers that the lane of an image says; NaN for the roll without far lines, for all if it is unlikely.
 
     A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
     each by the share 2 r W / H, for lanes of width W and the camera height H.
     """
     lane, pose = still.lane, still.camera.require_pose()
-    if lane is None:
+    if lane is None or lane.confidence < LIKELY_CONFIDENCE:
         return [0.0] + [np.nan] * 4
     height_m, roll_rad = pose.height_m * lane_width_m / lane.width_m, np.nan
     if any(lane.far_evidence):
@@ -312,20 +314,19 @@ def _median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) ->
     return CameraPose(height_m or float(np.exp(log_height)), pitch_rad, yaw_rad, roll_rad)
 
 
-def _weighted_median(values: np.ndarray, weights: np.ndarray, default: float) -> float:
-    """Median of the values (N,) that are not NaN; the default without any."""
+def _weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> float:
+    """Median of the start and of the values (N,) that are not NaN."""
     known = np.isfinite(values)
-    if not known.any():
-        return float(default)
-    order = np.argsort(values[known])
-    total = np.cumsum(weights[known][order] + MIN_WEIGHT)
-    return float(values[known][order][np.searchsorted(total, total[-1] / 2)])
+    values, weights = np.append(values[known], start), np.append(weights[known], START_WEIGHT)
+    order = np.argsort(values)
+    total = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(total, total[-1] / 2)])
 
 
 def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m: float | None) -> PoseEstimate:
     """The estimate from what the lanes of the last pass have `shown` (images, 5), with standard deviations."""
     pose, total = camera.require_pose(), len(shown)
-    used = int((shown[:, CONFIDENCE] >= LIKELY_CONFIDENCE).sum())
+    used = int(np.count_nonzero(shown[:, CONFIDENCE]))
     doubtful = used < max(1, MIN_LIKELY_SHARE * total)
     log_std = _std_of_median(shown[:, LOG_HEIGHT], LANE_WIDTH_SCATTER)
     log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, LANE_WIDTH_STD_M / lane_width_m))

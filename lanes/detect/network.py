@@ -48,7 +48,7 @@ class NetworkParameters:
     lightness_floor: float = 16.0
     # Weight of an edge of the road relative to paint of the same probability, and the standard deviation of its place:
     # a kerb, a gutter and the end of the asphalt are decimetres apart.
-    edge_weight: float = 0.5
+    edge_weight: float = 0.25
     edge_std_m: float = 0.15
 
 
