@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend
-from lanes.detect.confidence import CONFIDENCE, FEATURES, LIKELY_CONFIDENCE, feature_weights, lane_features
+from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
@@ -98,15 +98,12 @@ class Explanation:
         return "\n".join(lines)
 
     def confidence_summary(self) -> list[str]:
-        """Lines of text with the features of the confidence, their weights and their contributions to the log odds.
-
-        Features without weight are left out: they count only for tracked lanes, or for a pose from the same image.
-        """
+        """Lines of text with what each feature of the confidence contributes to the log odds."""
         if self.lane is None:
             return []
-        parts = list(zip(FEATURES, lane_features(self.lane), feature_weights(self.lane), strict=True))
-        lines = [f"  {name}: {v:.2f} x {w:.2f} = {v * w:+.2f}" for name, v, w in parts if w]
-        return ["confidence, as log odds:", *lines, f"  total {sum(v * w for _, v, w in parts):+.2f}"]
+        terms = log_odds_terms(self.lane)
+        lines = [f"  {name}: {term:+.2f}" for name, term in terms.items()]
+        return ["confidence, as log odds:", *lines, f"  total {sum(terms.values()):+.2f}"]
 
     def __repr__(self) -> str:
         return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
@@ -328,25 +325,25 @@ def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
             "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
         )
     if _is_the_cause(lane, "odd heading"):
+        yaw_rad = lane.camera_yaw_rad or 0.0
+        if abs(yaw_rad) > abs(lane.heading_rad):
+            return describe_wrong_yaw(-yaw_rad) + ".", pose_advice
         return (
             f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from the car's direction, more than "
             "in a usual bend or lane change.",
             "In a sharp lane change no action is needed. Otherwise: " + pose_advice,
         )
-    if _is_the_cause(lane, "odd yaw"):
-        return describe_wrong_yaw(-(lane.camera_yaw_rad or 0.0)) + ".", pose_advice
     if _is_the_cause(lane, "odd width"):
         return (
-            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {CONFIDENCE.usual_width_m} m): one of the "
+            f"the lane width of {lane.width_m:.1f} m is implausible (usual: {USUAL_WIDTH_M} m): one of the "
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + pose_advice,
         )
-    if _is_the_cause(lane, "between", "transverse"):
+    if _is_the_cause(lane, "between"):
         return (
-            f"painted stripes cross the lane ({lane.transverse_stripes} of them), or other lines run between its own: "
-            f"of the stripes along it {lane.clear_share:.0%} are on its lines.",
-            "Check in the panel with the stripes what lies between the lines: a floor of tiles, a crossing, or a road "
-            "with other markings. If a line of the lane itself lies there: " + pose_advice,
+            f"other lines run between those of the lane: {lane.clear_share:.0%} of the stripes along it are its own.",
+            "Check in the panel with the stripes what lies between the lines: a floor of tiles, a road with other "
+            "markings, or two lanes that are taken for one. If a line of the lane itself lies there: " + pose_advice,
         )
     std_m = lateral_std_m(lane.covariance, 20.0).max()
     return (
@@ -358,11 +355,10 @@ def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
     )
 
 
-def _is_the_cause(lane: Lane, *features: str) -> bool:
-    """Whether the confidence would be high enough without these features."""
-    log_odds = lane_features(lane) * feature_weights(lane)
-    without = log_odds.sum() - sum(log_odds[FEATURES.index(feature)] for feature in features)
-    return bool(without >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE)))
+def _is_the_cause(lane: Lane, feature: str) -> bool:
+    """Whether the confidence would be high enough without this feature."""
+    terms = log_odds_terms(lane)
+    return sum(terms.values()) - terms[feature] >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE))
 
 
 def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:

@@ -5,10 +5,10 @@
 
 The drives are painted roads, on which paint, light, motion and pose errors are random, and the scenes of the suite,
 which add what paint on a plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Missing ones
-are rendered, which takes some minutes. Images without a road are added (rooms, maps, tiles).
-Calibration is measured by cross-validation: on scenes that were not part of the fit. The weights for lanes whose camera
-pose is estimated from the same image are fitted on images of flat scenes that are taken with random cameras, and on
-images without a road. Correct means there: right in the image.
+are rendered, which takes some minutes. Images without a road are added (rooms, maps, tiles), and images of flat scenes
+that are taken with random cameras, whose pose is estimated from the same image; correct means there: right in the
+image. One set of weights is fitted to all lanes; the constant is that of their kind.
+Calibration is measured by cross-validation: on scenes that were not part of the fit.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from benchmark.evaluation import read_truth
 from benchmark.scored_drive import BenchmarkDrive, drive_from_video
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
-from lanes.detect.confidence import CONFIDENCE, CORRECT_WITHIN_M, FEATURES, lane_features
+from lanes.detect.confidence import CORRECT_WITHIN_M, LANE_KINDS, WEIGHTS, kind_of, lane_features
 from lanes.detect.lane import Lane
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
@@ -135,13 +135,17 @@ def draw_drive(seed: int, camera: Camera = CAMERA) -> tuple[PaintedDrive, Camera
 
 
 def wrong_pose(camera: Camera, seed: int) -> Camera:
-    """The camera with a pitch or yaw that is wrong by 2 to 4 degrees, or a height wrong by a quarter."""
+    """The camera with a pitch or yaw that is wrong by 2 to 4 degrees, or a height wrong by a quarter or a half.
+
+    From half of the height two lanes look like one.
+    """
     rng, pose = np.random.default_rng(seed), camera.require_pose()
     angle = np.radians(rng.uniform(2, 4)) * rng.choice([-1, 1])
     poses = (
         replace(pose, pitch_rad=pose.pitch_rad + angle),
         replace(pose, yaw_rad=pose.yaw_rad + angle),
         replace(pose, height_m=pose.height_m * (1 + 0.25 * np.sign(angle))),
+        replace(pose, height_m=pose.height_m * 0.5),
     )
     return camera.with_pose(poses[rng.integers(len(poses))])
 
@@ -193,7 +197,12 @@ def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[li
     if camera is None or lane is None:
         return []
     correct = photo is not None and right_in_picture(lane, camera, photo.label)
-    return [[*lane_features(lane), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
+    return [[*feature_row(lane), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
+
+
+def feature_row(lane: Lane) -> list[float]:
+    """Numbers that the `WEIGHTS` multiply: 1 for the kind of the lane, 0 for the others, and the features."""
+    return [*(float(kind == kind_of(lane)) for kind in LANE_KINDS), *lane_features(lane).values()]
 
 
 def label_lanes(
@@ -226,7 +235,7 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, weight: float, number: in
     estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
     rows = zip(lanes, correct, strict=True)
-    return [[*lane_features(lane), right, weight, number] for lane, right in rows if lane is not None]
+    return [[*feature_row(lane), right, weight, number] for lane, right in rows if lane is not None]
 
 
 def fit_logistic(
@@ -253,14 +262,19 @@ def logistic(log_odds: np.ndarray) -> np.ndarray:
 
 
 def cross_validated(
-    features: np.ndarray, correct: np.ndarray, drive: np.ndarray, weight: np.ndarray | float = 1.0
+    features: np.ndarray,
+    correct: np.ndarray,
+    drive: np.ndarray,
+    weight: np.ndarray | float = 1.0,
+    *,
+    parts: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Probabilities (lanes,) from weights that were fitted without the lane's own drive."""
-    weight = np.broadcast_to(weight, correct.shape)
-    numbers = np.random.default_rng(0).permutation(np.unique(drive))
+    """Probabilities (lanes,) from weights that were fitted without the lane's own drive, or its `parts` (lanes,)."""
+    weight, parts = np.broadcast_to(weight, correct.shape), drive if parts is None else parts
+    numbers = np.random.default_rng(0).permutation(np.unique(parts))
     probability = np.zeros(len(correct))
     for fold in np.array_split(numbers, FOLDS):
-        held_out = np.isin(drive, fold)
+        held_out = np.isin(parts, fold)
         weights = fit_logistic(features[~held_out], correct[~held_out], drive[~held_out], weight[~held_out])
         probability[held_out] = logistic(features[held_out] @ weights)
     return probability
@@ -290,24 +304,28 @@ def main() -> None:
         data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)]
     else:
         data = collect_samples()
-    samples = {name: [row for one in data for row in one[part]] for part, name in enumerate(("track", "still"))}
     seeds = PHOTO_CHECK_SEEDS if options.check else PHOTO_SEEDS
-    samples["own_pose"] = [row for seed in seeds for row in samples_of_photos(seed)]
-    for name, rows in samples.items():
-        fit_weights(f"{name}_weights", np.array(rows, float), only_check=options.check)
+    rows = [row for tracked, still in data for row in tracked + still]
+    rows += [row for seed in seeds for row in samples_of_photos(seed)]
+    fit_weights(np.array(rows, float), only_check=options.check)
 
 
-def fit_weights(name: str, rows: np.ndarray, *, only_check: bool) -> None:
-    """Print the calibration of the present weights of this name on samples; unless `only_check`, fit new ones."""
+def fit_weights(rows: np.ndarray, *, only_check: bool) -> None:
+    """Print the calibration of the present weights on samples, by kind; unless `only_check`, fit new ones."""
     features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
-    usual = weight >= 1
-    present = logistic(features @ getattr(CONFIDENCE, name))
-    print_calibration(f"present {name}", present[usual], correct[usual], drive[usual])
+    kind = features[:, : len(LANE_KINDS)].argmax(axis=1)
+    # drives of all kinds have the same weight, so a drive of one kind is another drive of the other
+    group = np.unique(np.stack([kind, drive]), axis=1, return_inverse=True)[1].ravel()
+    fits = {"present": logistic(features @ np.array([*WEIGHTS.values()]))}
     if not only_check:
-        held_out = cross_validated(features, correct, drive, weight)
-        print_calibration(f"new {name}, cross-validated", held_out[usual], correct[usual], drive[usual])
-        weights = fit_logistic(features, correct, drive, weight)
-        print(name, dict(zip(FEATURES, np.round(weights, 2).tolist(), strict=True)))
+        fits["new, cross-validated"] = cross_validated(features, correct, group, weight, parts=drive)
+    for name, confidence in fits.items():
+        for number, kind_name in enumerate(LANE_KINDS):
+            some = (weight >= 1) & (kind == number)
+            print_calibration(f"{kind_name}, {name}", confidence[some], correct[some], drive[some])
+    if not only_check:
+        weights = fit_logistic(features, correct, group, weight)
+        print(dict(zip(WEIGHTS, np.round(weights, 2).tolist(), strict=True)))
 
 
 def collect_samples() -> list[tuple[list, list]]:
