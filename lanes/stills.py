@@ -20,9 +20,7 @@ from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
 from lanes.detect.lane import Lane
 from lanes.detect.network import learned_evidence
 from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.road import lines_on_view
 from lanes.detect.search import DETECTOR, DetectorSettings, Search, more_probable, search_lane
-from lanes.detect.transverse_stripes import count_transverse_stripes
 from lanes.errors import CameraError
 
 # Heights of cameras in cars, vans and lorries, metres.
@@ -146,12 +144,8 @@ def _search_with_network(image: np.ndarray, camera: Camera) -> StillDetection:
 
 def _search(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> StillDetection:
     """The search for the ego lane in the evidence of a single image."""
-    view, search = evidence.view, search_lane(evidence, settings)
-    if search is None or search.lane is None:
-        return StillDetection(evidence, search)
-    lines_y_m = lines_on_view(search.lane.model[None], view.x_m, view.height_m)[0]
-    transverse = count_transverse_stripes(evidence.view_image, view, lines_y_m)
-    return StillDetection(evidence, search, replace(search.lane, transverse_stripes=transverse))
+    search = search_lane(evidence, settings)
+    return StillDetection(evidence, search, search.lane if search else None)
 
 
 def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:

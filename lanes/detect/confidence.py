@@ -23,48 +23,46 @@ LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: a constant for each kind of lane, and those of
 # the features. "Own pose": the camera pose was estimated from the same image.
 WEIGHTS = {
-    "single image": -3.8,
-    "own pose": -2.0,
-    "tracked": -3.6,
-    "far std": -0.7,
-    "near std": -1.5,
-    "odd width": -3.0,
-    "clutter": 1.5,
-    "between": 2.0,
-    "odd heading": -3.0,
-    "other lanes": -3.5,
+    "known pose": -4.05,
+    "own pose": -3.25,
+    "near std": -2.69,
+    "between": 4.31,
+    "odd width": -0.83,
+    "other lanes": -4.31,
+    "odd heading": -2.74,
+    "clutter": 1.26,
+    "support": 0.92,
 }
-LANE_KINDS, FEATURES = tuple(WEIGHTS)[:3], tuple(WEIGHTS)[3:]
-# Usual width of lanes.
-USUAL_WIDTH_M = 3.5
+LANE_KINDS, FEATURES = tuple(WEIGHTS)[:2], tuple(WEIGHTS)[2:]
+# Usual width of lanes, and its standard deviation; that of a lane with its own pose, whose height is uncertain, too.
+USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
 
 
 def lane_features(lane: Lane) -> dict[str, float]:
     """The features of a lane by name, in the order of `FEATURES`; values beyond limits carry no further information."""
-    far_m = float(CORRECT_AT_M[-1])
-    near_std_m, far_std_m = (float(lateral_std_m(lane.fit_covariance, x_m).max()) for x_m in (10.0, far_m))
+    width_std_m = WIDTH_STD_M if lane.same_lane_share is None else OWN_POSE_WIDTH_STD_M
+    near_std_m = float(lateral_std_m(lane.fit_covariance, 10.0).max())
     # A heading beyond that of a car in a bend, which lags by the distance from the rear axle (2 m), at most, and a yaw
     # of the camera beside its pose: both are large if the yaw of the pose is wrong.
     heading = _excess(abs(lane.heading_rad) - 2.0 * abs(lane.curvature_per_m), 0.02)
     yaw = 0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad), 0.01)
     return {
-        # Standard deviation (metres) of the less certain line 30 m ahead, for the noise that the fit assumes; that of
-        # the errors (`Lane.covariance`) separates right and wrong lanes less well. At least 0.05 m: the lines of a
+        # Standard deviation (metres) of the less certain line 10 m ahead, for the noise that the fit assumes; that of
+        # the errors (`Lane.covariance`) separates right and wrong lanes less well. At least 0.07 m: the lines of a
         # floor of tiles are as certain as those of a road.
-        "far std": float(np.log(max(far_std_m, 0.05))),
-        # The same 10 m ahead, where the second line of a lane with one line is as uncertain as 30 m ahead, and the
-        # lines of a hairpin are much less so.
         "near std": float(np.log(max(near_std_m, 0.07))),
-        # A crack or kerb taken for a line is seldom a lane's width away from the other line.
-        "odd width": (lane.width_m - USUAL_WIDTH_M) ** 2,
-        # Share of all paint-like stripes in view that the lane and its neighbours explain: bricks and letters look like
-        # paint, too.
-        "clutter": float(np.log(min(max(lane.inlier_share, 0.02) / 0.3, 1.0))),
         # Tiles and bricks have lines between those of the lane; so have two lanes that are taken for one.
         "between": float(np.log(lane.clear_share)),
-        "odd heading": max(heading, yaw),
+        # A crack or kerb taken for a line is seldom a lane's width away from the other line.
+        "odd width": ((lane.width_m - USUAL_WIDTH_M) / width_std_m) ** 2,
         # Share of the camera poses tried that do not show this lane: the image allows several.
         "other lanes": 0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
+        "odd heading": max(heading, yaw),
+        # Share of all paint-like stripes in view that the lane and its neighbours explain: bricks and letters look like
+        # paint, too.
+        "clutter": float(np.log(max(lane.inlier_share, 0.02))),
+        # Roots of the supports of both lines; at most that of two solid lines.
+        "support": min(lane.left.support**0.5 + lane.right.support**0.5, 1.5),
     }
 
 
@@ -75,9 +73,7 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
 
 def kind_of(lane: Lane) -> str:
     """The kind of a lane, one of `LANE_KINDS`."""
-    if lane.tracked:
-        return "tracked"
-    return "single image" if lane.same_lane_share is None else "own pose"
+    return "known pose" if lane.same_lane_share is None else "own pose"
 
 
 def log_odds_terms(lane: Lane) -> dict[str, float]:

@@ -186,11 +186,8 @@ class Lane:
     inlier_share : float
         Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
     clear_share : float
-        Of the stripes along the lane, on its lines and between them, the share on its lines; 1 of a tracked lane. Tiles
-        and bricks have lines between those of the lane.
-    transverse_stripes : int
-        Painted stripes across the lane, up to 30 m ahead; 0 of a tracked lane. Tiles and bricks have several, few
-        roads have more than one.
+        Of the stripes along the lane, on its lines and between them, the share on its lines. Tiles and bricks have
+        lines between those of the lane; so have two lanes that are taken for one.
     same_lane_share : float or None
         Share of the camera poses tried that show this lane, if the pose was estimated from the same image.
     camera_yaw_rad : float or None
@@ -211,7 +208,6 @@ class Lane:
     state: str = FOUND
     inlier_share: float = 1.0
     clear_share: float = 1.0
-    transverse_stripes: int = 0
     same_lane_share: float | None = None
     camera_yaw_rad: float | None = None
     motion: CarMotion | None = None
