@@ -192,7 +192,7 @@ def test_explain_a_frame_of_a_video_as_annotate_tracks_it(drive, tmp_path, run):
     assert f"prediction {rows['state'][row - 1]}, lane known for 0.40 s and last seen 0.04 s ago" in out
     assert f"offset     {abs(rows['offset_m'][row]):.2f} ± " in out
     status, out, _ = run("explain", *source, "-o", tmp_path / "why.png")
-    assert status == 0 and "state      searching" in out
+    assert status == 0 and "state      tracking" in out and "prediction" not in out
 
 
 def test_messages_of_annotate_name_its_own_options():

@@ -71,12 +71,10 @@ def test_a_far_line_that_is_seen_follows_the_lines_of_the_lane():
     rows = np.arange(185, 351, 3)
     detection = as_detection(lane, SMALL, rows, 1.0)
     assert detection["sides"] == ["left", "right", "far right"] and len(detection["lanes"]) == 3
-    columns, x = np.array(detection["lanes"][2]), np.linspace(30.0, 5.0, 100)
+    columns, x = np.array(detection["lanes"][2]), np.linspace(60.0, 5.0, 300)
     u, v = SMALL.road_to_pixels(np.column_stack([x, line_lateral(DRIVE.road, DRIVE.pose(0.0), -5.4, x)])).T
     inside = (rows > v[0] + 1) & (np.interp(rows, v, u) < 635)
-    above = rows < v[0] - 1
     assert inside.sum() > 3 and (columns[inside] >= 0).all()
-    assert above.sum() > 3 and (columns[above] == -2).all()
     np.testing.assert_allclose(columns[inside], np.interp(rows, v, u)[inside], atol=3)
     blind = as_detection(replace(lane, far_evidence=(None, None)), SMALL, rows, 1.0)
     assert blind["sides"] == ["left", "right"] and blind["lanes"] == detection["lanes"][:2]
@@ -96,7 +94,7 @@ def test_stills_are_independent_or_a_sequence(folder, detect, sequence):
         assert row["offset_m"] == pytest.approx(truth.offset_m, abs=0.05)
         assert row["curvature_per_m"] == pytest.approx(truth.curvature_per_m, abs=5e-4)
     states = [row["state"] for row in found]
-    assert states == (["searching", "searching", "tracking", "tracking"] if sequence else ["found"] * 4)
+    assert states == (["tracking"] * 4 if sequence else ["found"] * 4)
 
 
 def test_videos_are_tracked_frame_by_frame(folder, detect, tmp_path):

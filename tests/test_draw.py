@@ -202,7 +202,7 @@ def test_track_lane_returns_picture_and_telemetry():
     process = track_lane(LaneTracker(SMALL))
     drawn, row = process(BENDS.frame(0.0))
     assert (drawn != BENDS.frame(0.0)).any()
-    assert (row["state"], row["departure"]) == ("searching", None)
+    assert (row["state"], row["departure"]) == ("tracking", None)
     assert row["offset_m"] == pytest.approx(BENDS.truth(0.0).offset_m, abs=0.05)
     assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
     _, row = track_lane(LaneTracker(SMALL))(np.zeros_like(drawn))
