@@ -19,14 +19,14 @@ LEAST_STRAIGHT_M = 100.0
 def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
     """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown".
 
-    A curvature smaller than twice its standard deviation is that of a straight road, or of a bend with a larger radius
-    than the text says; it is unknown if that radius is below 100 m.
+    A curvature smaller than its standard deviation is that of a straight road, or of a bend with a larger radius than
+    the text says; it is unknown if that radius is below 100 m.
     """
     if curvature_per_m is None:
         return "bend unknown"
     size_per_m, least_per_m = abs(curvature_per_m), 1 / STRAIGHT_RADIUS_M
-    most_per_m = size_per_m + 2 * std_per_m
-    if size_per_m < max(2 * std_per_m, least_per_m):
+    most_per_m = size_per_m + std_per_m
+    if size_per_m < max(std_per_m, least_per_m):
         if most_per_m > 1 / LEAST_STRAIGHT_M:
             return "bend unknown"
         radius_m = 1 / max(most_per_m, least_per_m)

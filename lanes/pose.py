@@ -284,13 +284,13 @@ def _pose_from_lanes(
 
 
 def _shown_by(still: StillDetection, lane_width_m: float) -> list[float]:
-    """The five numbers that the lane of an image says; NaN for the roll without far lines, for all if it is unlikely.
+    """The five numbers that a lane says: NaN for the roll without far lines, for all if a line is not seen or unlikely.
 
     A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
     each by the share 2 r W / H, for lanes of width W and the camera height H.
     """
     lane, pose = still.lane, still.camera.require_pose()
-    if lane is None or lane.confidence < LIKELY_CONFIDENCE:
+    if lane is None or lane.confidence < LIKELY_CONFIDENCE or not (lane.left.seen and lane.right.seen):
         return [0.0] + [np.nan] * 4
     height_m, roll_rad = pose.height_m * lane_width_m / lane.width_m, np.nan
     if any(lane.far_evidence):

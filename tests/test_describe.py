@@ -20,9 +20,9 @@ from lanes.describe import describe_bend, describe_offset
         (-1 / 3001, 0.0, "straight (R > 3 km)"),
         (0.0, 1e-4, "straight (R > 3 km)"),
         (1 / 37.4, 1e-3, "bends left, R 37 m"),
-        (-5e-4, 2.4e-4, "bends right, R 2000 m"),
-        (5e-4, 2.6e-4, "straight (R > 1000 m)"),
-        (1 / 63, 0.01, "bend unknown"),
+        (-5e-4, 4.8e-4, "bends right, R 2000 m"),
+        (5e-4, 5.2e-4, "straight (R > 1000 m)"),
+        (1 / 63, 0.02, "bend unknown"),
         (None, 0.0, "bend unknown"),
     ],
 )

@@ -92,8 +92,12 @@ FAILURES = {
     "black": (lambda: (grey(3, 1.0), CAMERA), "birdseye", "almost black"),
     "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
     "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
-    "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "nothing is brighter or yellower"),
-    "spots": (lambda: (spots_image(), CAMERA), "fit", "do not line up"),
+    "no lines": (
+        lambda: (grey(100, 6.0), CAMERA),
+        "markings",
+        "the network finds no paint",
+    ),
+    "spots": (lambda: (spots_image(), CAMERA), "lane", "line is not seen"),
     "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
     "far paint": (
         lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),

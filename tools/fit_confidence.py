@@ -7,7 +7,7 @@ The drives are painted roads, on which paint, light, motion and pose errors are 
 which add what paint on a plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Missing ones
 are rendered, which takes some minutes. Images without a road are added (rooms, maps, tiles), and images of flat scenes
 that are taken with random cameras, whose pose is estimated from the same image; correct means there: right in the
-image. One set of weights is fitted to all lanes; the constant is that of their kind.
+image. One set of weights is fitted to all lanes.
 Calibration is measured by cross-validation: on scenes that were not part of the fit.
 """
 
@@ -27,7 +27,7 @@ from benchmark.evaluation import read_truth
 from benchmark.scored_drive import BenchmarkDrive, drive_from_video
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
-from lanes.detect.confidence import CORRECT_WITHIN_M, LANE_KINDS, WEIGHTS, kind_of, lane_features
+from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
 from lanes.detect.lane import Lane
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
@@ -50,17 +50,19 @@ EFFECTIVE_FRAMES = 25.0
 # Number of parts of the cross-validation; a drive is in one part only.
 FOLDS = 12
 # Variants of each scene of the suite.
-SEEDS = (0, 1)
+SEEDS = (1,)
 # Factors of brightness of the stills, and the weight of those that are not 1.
 BRIGHTNESSES, OTHER_BRIGHTNESS_WEIGHT = (1.0, 0.5, 1.5), 0.5
 # Pictures without a road, of each kind, and the frames for which each is shown.
 NO_ROADS, NO_ROAD_FRAMES = 8, 12
 # Painted drives with a wrong camera pose, their first seed, and their weight: few users have one.
-WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.1
+WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.2
 # Photos of each flat scene, and pictures of each kind without a road, whose camera pose is their own; for each seed.
 PHOTOS, OWN_POSE_NO_ROADS, PHOTO_SEEDS, PHOTO_CHECK_SEEDS = 12, 16, (0, 1), (2,)
 # Weight of the latter: few of them have a pose, and users do try them.
-OWN_POSE_NO_ROAD_WEIGHT = 4.0
+OWN_POSE_NO_ROAD_WEIGHT = 8.0
+# Samples are of these kinds, in this order.
+KINDS_OF_LANES = "tracked", "still", "own pose"
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -197,12 +199,7 @@ def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[li
     if camera is None or lane is None:
         return []
     correct = photo is not None and right_in_picture(lane, camera, photo.label)
-    return [[*feature_row(lane), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
-
-
-def feature_row(lane: Lane) -> list[float]:
-    """Numbers that the `WEIGHTS` multiply: 1 for the kind of the lane, 0 for the others, and the features."""
-    return [*(float(kind == kind_of(lane)) for kind in LANE_KINDS), *lane_features(lane).values()]
+    return [[*lane_features(lane).values(), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
 
 
 def label_lanes(
@@ -235,7 +232,7 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, weight: float, number: in
     estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
     rows = zip(lanes, correct, strict=True)
-    return [[*feature_row(lane), right, weight, number] for lane, right in rows if lane is not None]
+    return [[*lane_features(lane).values(), right, weight, number] for lane, right in rows if lane is not None]
 
 
 def fit_logistic(
@@ -305,22 +302,25 @@ def main() -> None:
     else:
         data = collect_samples()
     seeds = PHOTO_CHECK_SEEDS if options.check else PHOTO_SEEDS
-    rows = [row for tracked, still in data for row in tracked + still]
-    rows += [row for seed in seeds for row in samples_of_photos(seed)]
-    fit_weights(np.array(rows, float), only_check=options.check)
+    samples = [[row for one in data for row in one[part]] for part in (0, 1)]
+    samples.append([row for seed in seeds for row in samples_of_photos(seed)])
+    kind = np.repeat(np.arange(len(samples)), [len(rows) for rows in samples])
+    fit_weights(np.array(sum(samples, []), float), kind, only_check=options.check)
 
 
-def fit_weights(rows: np.ndarray, *, only_check: bool) -> None:
-    """Print the calibration of the present weights on samples, by kind; unless `only_check`, fit new ones."""
+def fit_weights(rows: np.ndarray, kind: np.ndarray, *, only_check: bool) -> None:
+    """Print the calibration of the present weights on samples (N, ...), by their kind (N,); fit new ones.
+
+    With `only_check` none are fitted.
+    """
     features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
-    kind = features[:, : len(LANE_KINDS)].argmax(axis=1)
-    # drives of all kinds have the same weight, so a drive of one kind is another drive of the other
+    # A drive that is tracked, and its stills, are different drives.
     group = np.unique(np.stack([kind, drive]), axis=1, return_inverse=True)[1].ravel()
     fits = {"present": logistic(features @ np.array([*WEIGHTS.values()]))}
     if not only_check:
         fits["new, cross-validated"] = cross_validated(features, correct, group, weight, parts=drive)
     for name, confidence in fits.items():
-        for number, kind_name in enumerate(LANE_KINDS):
+        for number, kind_name in enumerate(KINDS_OF_LANES):
             some = (weight >= 1) & (kind == number)
             print_calibration(f"{kind_name}, {name}", confidence[some], correct[some], drive[some])
     if not only_check:

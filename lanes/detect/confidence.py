@@ -20,26 +20,23 @@ if TYPE_CHECKING:
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # A lane with less confidence than the first is called uncertain; one with the second counts as sure.
 LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.5, 0.9
-# Weights of the logistic regression, fitted by `tools.fit_confidence`: a constant for each kind of lane, and those of
-# the features. "Own pose": the camera pose was estimated from the same image.
+# Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
-    "known pose": -4.05,
-    "own pose": -3.25,
-    "near std": -2.69,
-    "between": 4.31,
-    "odd width": -0.83,
-    "other lanes": -4.31,
-    "odd heading": -2.74,
-    "clutter": 1.26,
-    "support": 0.92,
+    "constant": -4.53,
+    "near std": -2.67,
+    "between": 5.72,
+    "odd width": -0.91,
+    "other lanes": -4.73,
+    "odd heading": -3.91,
+    "clutter": 0.93,
+    "support": 1.28,
 }
-LANE_KINDS, FEATURES = tuple(WEIGHTS)[:2], tuple(WEIGHTS)[2:]
 # Usual width of lanes, and its standard deviation; that of a lane with its own pose, whose height is uncertain, too.
 USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
 
 
 def lane_features(lane: Lane) -> dict[str, float]:
-    """The features of a lane by name, in the order of `FEATURES`; values beyond limits carry no further information."""
+    """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information."""
     width_std_m = WIDTH_STD_M if lane.same_lane_share is None else OWN_POSE_WIDTH_STD_M
     near_std_m = float(lateral_std_m(lane.fit_covariance, 10.0).max())
     # A heading beyond that of a car in a bend, which lags by the distance from the rear axle (2 m), at most, and a yaw
@@ -47,6 +44,7 @@ def lane_features(lane: Lane) -> dict[str, float]:
     heading = _excess(abs(lane.heading_rad) - 2.0 * abs(lane.curvature_per_m), 0.02)
     yaw = 0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad), 0.01)
     return {
+        "constant": 1.0,
         # Standard deviation (metres) of the less certain line 10 m ahead, for the noise that the fit assumes; that of
         # the errors (`Lane.covariance`) separates right and wrong lanes less well. At least 0.07 m: the lines of a
         # floor of tiles are as certain as those of a road.
@@ -71,15 +69,9 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
     return min(max((angle_rad - usual_rad) / 0.05, 0.0), 1.0)
 
 
-def kind_of(lane: Lane) -> str:
-    """The kind of a lane, one of `LANE_KINDS`."""
-    return "known pose" if lane.same_lane_share is None else "own pose"
-
-
 def log_odds_terms(lane: Lane) -> dict[str, float]:
-    """What the kind of a lane and its features contribute to the log odds, by name."""
-    terms = {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
-    return {kind_of(lane): WEIGHTS[kind_of(lane)], **terms}
+    """What the features of a lane contribute to the log odds, by name."""
+    return {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
 
 
 def log_odds(lane: Lane) -> float:

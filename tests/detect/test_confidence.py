@@ -48,7 +48,7 @@ def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far
     one_line[1, 1] = 0.5**2
     bend[CURVATURE, CURVATURE] = (0.25 / 450) ** 2
     one_line, bend = (replace(lane_with(), fit_covariance=matrix) for matrix in (one_line, bend))
-    assert lane_features(one_line)["far std"] == pytest.approx(lane_features(bend)["far std"], abs=0.1)
+    assert lane_features(one_line)["near std"] == pytest.approx(lane_features(bend)["near std"], abs=0.1)
     for tracked in (False, True):
         assert rated(one_line, tracked=tracked) < rated(bend, tracked=tracked) - 0.1
 
@@ -63,9 +63,9 @@ TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
         ({"state": TRACKING}, {"model": TURNED}, "odd heading", 0.6),
         ({"state": TRACKING, "camera_yaw_rad": 0.01}, {"camera_yaw_rad": -0.04}, "odd heading", 0.6),
         ({"same_lane_share": 1.0}, {"same_lane_share": 0.3}, "other lanes", 0.7),
-        ({}, {"inlier_share": 0.15}, "clutter", np.log(0.5)),
-        ({"state": TRACKING}, {"inlier_share": 0.15}, "clutter", np.log(0.5)),
-        ({"same_lane_share": 1.0}, {"inlier_share": 0.15}, "clutter", np.log(0.5)),
+        ({}, {"inlier_share": 0.15}, "clutter", np.log(0.15)),
+        ({"state": TRACKING}, {"inlier_share": 0.15}, "clutter", np.log(0.15)),
+        ({"same_lane_share": 1.0}, {"inlier_share": 0.15}, "clutter", np.log(0.15)),
         ({}, {"clear_share": 0.5}, "between", np.log(0.5)),
         ({"state": TRACKING}, {"clear_share": 0.5}, "between", np.log(0.5)),
     ],

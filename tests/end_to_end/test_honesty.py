@@ -135,6 +135,7 @@ def test_a_moving_test_pattern_is_no_road():
     tracker = LaneTracker(Camera.from_fov((1280, 720), 60, CameraPose(1.35)), fps=25)
     with av.open("testsrc2=size=1280x720:rate=25", format="lavfi") as pattern:
         frames = (frame.to_ndarray(format="rgb24") for frame in islice(pattern.decode(video=0), 150))
-        confidences = np.array([tracker.update(frame).confidence for frame in frames])
+        lanes = [tracker.update(frame) for frame in frames]
+    confidences = np.array([lane.confidence if lane else 0.0 for lane in lanes])
     assert len(confidences) == 150
     assert max(confidences) < 0.5

@@ -21,7 +21,7 @@ from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic
-from tools.marking_samples import UNKNOWN, connect_dots, label_cells, take_sample
+from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
 from tools.soak import largest_differences, packet_times, repeat_drive
 
 
@@ -124,15 +124,21 @@ def test_samples_without_a_road_have_no_paint():
     assert set(np.unique(sample.label)) <= {0, UNKNOWN} and 0 in sample.label
 
 
-def test_dots_are_connected_to_the_dash_that_they_stand_for():
-    """Cells of the dash near a dot are paint; those far from any visible dot are left open."""
-    dots, dashes = np.zeros((40, 30), np.uint8), np.zeros((40, 30), np.uint8)
-    dashes[5:30, 14:17] = 1
-    dots[[6, 12], 15] = 1
-    connected = connect_dots(dots, dashes)
-    assert np.all(connected[5:17, 14:17] == 1)
-    assert np.all(connected[17:30, 14:17] == UNKNOWN)
-    assert not connected[:, :13].any() and not connected[30:].any()
+def test_worn_and_hidden_paint_is_connected_to_visible_paint_of_its_line():
+    """Cells of the line near visible paint are paint; those far from any are left open, as is a blurred colour."""
+    visible, lines = np.zeros((60, 30), np.uint8), np.zeros((60, 30), bool)
+    lines[5:50, 14:17] = True
+    visible[[6, 12], 15] = 1
+    visible[8, 22] = 1
+    connected = connect_paint(visible, lines)
+    assert np.all(connected[5:23, 14:17] == 1)
+    assert np.all(connected[23:50, 14:17] == UNKNOWN) and connected[8, 22] == UNKNOWN
+    assert not connected[:, :13].any() and not connected[50:].any()
+
+
+def test_a_sample_has_the_edges_of_its_road():
+    labels = [take_sample(number).label for number in (14, 15)]
+    assert all(label.shape[0] == 2 and (label[1] == 1).any() for label in labels)
 
 
 FRAMES, TURNS = 12, 4
