@@ -65,8 +65,8 @@ def lane_features(lane: Lane) -> dict[str, float]:
 
 
 def _excess(angle_rad: float, usual_rad: float) -> float:
-    """An angle beyond the usual one, relative to 0.05 rad, 0 to 1."""
-    return min(max((angle_rad - usual_rad) / 0.05, 0.0), 1.0)
+    """An angle beyond the usual one, relative to 0.05 rad, 0 to 2."""
+    return min(max((angle_rad - usual_rad) / 0.05, 0.0), 2.0)
 
 
 def log_odds_terms(lane: Lane) -> dict[str, float]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import Stripes
+from lanes.detect.paint import PAINT, Stripes
 from lanes.detect.residuals import StripeResiduals, intersect_ground, stripe_residuals
 from lanes.detect.road import BEND, PARAMETERS, SIDES, RoadPrior, bend_gradients, is_ego_lane, lines_on_view
 
@@ -122,7 +122,8 @@ class Fit:
     @cached_property
     def members(self) -> np.ndarray:
         """(K, 2, stripes) bool: the stripe belongs to the left or to the right line of the lane."""
-        return self.on_line & (self.weight > self.settings.min_weight)[:, None]
+        min_weight = self.settings.min_weight * np.where(self.stripes.edge, PAINT.edge_weight, 1.0)
+        return self.on_line & (self.weight > min_weight)[:, None]
 
     @cached_property
     def reach_m(self) -> np.ndarray:

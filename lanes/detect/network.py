@@ -46,10 +46,6 @@ class NetworkParameters:
     scatter_floor: float = 2.0
     # Grey levels, added to the mean lightness, so that black images have no contrast.
     lightness_floor: float = 16.0
-    # Weight of an edge of the road relative to paint of the same probability, and the standard deviation of its place:
-    # a kerb, a gutter and the end of the asphalt are decimetres apart.
-    edge_weight: float = 0.25
-    edge_std_m: float = 0.15
 
 
 NETWORK = NetworkParameters()
@@ -72,8 +68,7 @@ def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
 def edge_stripes(strength: np.ndarray, view: BirdsEyeView) -> Stripes:
     """Stripe candidates at the edges of the road, from their strength (rows, columns)."""
     found = find_stripes(MarkingResponse(strength, np.empty(0), learned=True), view)
-    std_m = np.hypot(found.std_m, NETWORK.edge_std_m)
-    weight = NETWORK.edge_weight * found.weight
+    std_m, weight = np.hypot(found.std_m, PAINT.edge_std_m), PAINT.edge_weight * found.weight
     return replace(found, weight=weight, std_m=std_m, edge=np.ones(len(found), bool))
 
 

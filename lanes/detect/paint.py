@@ -50,6 +50,10 @@ class PaintSettings:
     # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
     position_std_m: float = 0.04
     position_std_px: float = 1.0
+    # Weight of an edge of the road relative to paint of the same probability, and the standard deviation of its place:
+    # a kerb, a gutter and the end of the asphalt are decimetres apart.
+    edge_weight: float = 0.25
+    edge_std_m: float = 0.4
 
 
 PAINT = PaintSettings()

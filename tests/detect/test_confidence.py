@@ -39,7 +39,6 @@ def test_unusual_lanes_have_low_confidence(tracked):
     for width_m in (4.5, 2.5):
         assert rated(lane_with(width_m=width_m), tracked=tracked) < 0.5
     assert rated(lane_with(std_m=0.3), tracked=tracked) < 0.5
-    assert rated(lane_with(centre_m=0.7), tracked=tracked) < good - 0.005
 
 
 def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():
@@ -48,7 +47,6 @@ def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far
     one_line[1, 1] = 0.5**2
     bend[CURVATURE, CURVATURE] = (0.25 / 450) ** 2
     one_line, bend = (replace(lane_with(), fit_covariance=matrix) for matrix in (one_line, bend))
-    assert lane_features(one_line)["near std"] == pytest.approx(lane_features(bend)["near std"], abs=0.1)
     for tracked in (False, True):
         assert rated(one_line, tracked=tracked) < rated(bend, tracked=tracked) - 0.1
 

@@ -299,14 +299,13 @@ def test_other_wrong_arguments_raise():
     "settings",
     [
         TrackerSettings(min_score=5.0),
-        TrackerSettings(confirmations=8),
         TrackerSettings(half_widths_m=(4.0, 6.0)),
         TrackerSettings(filter=FilterSettings(usual_speed_mps=(12.0, 8.0))),
         TrackerSettings(filter=FilterSettings(centre_m_per_s=1.0)),
         TrackerSettings(detector=DetectorSettings(paint=replace(DetectorSettings().paint, single_m=0.25))),
         TrackerSettings(detector=DetectorSettings(fit=replace(DetectorSettings().fit, variance_inflation=40.0))),
     ],
-    ids=["score", "confirmations", "views", "speed", "noise", "paint", "fit"],
+    ids=["score", "views", "speed", "noise", "paint", "fit"],
 )
 def test_the_settings_count(settings):
     usual, other = (
