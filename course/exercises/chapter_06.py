@@ -17,6 +17,8 @@ Climb = Callable[[np.ndarray, float], "np.ndarray | None"]
 
 # Columns of the lines that exercise 6.1 draws, as shares of the width: a lane of 2.8 m, left of the centre.
 DRAWN_LINES = (0.2, 0.65)
+# Lines in the upper half of its rows, which are longer: they do not count.
+DRAWN_ABOVE = (0.3, 0.85)
 # The drawn lines: size of the view, rows of the dashes (two windows of paint, two of gap), width.
 VIEW_SHAPE = (720, 1280)
 DASH_ROWS = ((560, 720), (240, 400), (0, 80))
@@ -34,8 +36,10 @@ def check_lane_width(
 ) -> Verdict:
     """6.1: the width of the lane in metres, from the two histogram peaks of a binary of a bird's-eye view."""
     drawn = np.zeros_like(binary)
-    for share in DRAWN_LINES:
-        drawn[:, round(share * binary.shape[1]) :][:, :LINE_WIDTH_PX] = 255
+    half, columns = len(binary) // 2, binary.shape[1]
+    for rows, shares in ((slice(half), DRAWN_ABOVE), (slice(half, -half // 5), DRAWN_LINES)):
+        for share in shares:
+            drawn[rows, round(share * columns) :][:, :LINE_WIDTH_PX] = 255
     widths_m = lane_width(binary.copy()), lane_width(drawn.copy())
     if widths_m[0] is None:
         return NOT_TRIED

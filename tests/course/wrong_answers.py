@@ -252,8 +252,7 @@ def occlusion_map(image, camera):
 _MAP = "occlusion_map = lambda image, camera: "
 WRONG_ANSWERS["13.1"] = [
     (_OCCLUSION.replace("image.copy()", "image"), "you cover the image itself"),
-    (_OCCLUSION.replace("lines_m).max()", "lines_m)[0, 0]"), "this is the left line alone"),
-    (_OCCLUSION.replace("= 128", "= 0"), "you cover with black"),
+    (_OCCLUSION.replace("lines_m).max()", "lines_m)[1, 0]"), "this is the right line alone"),
     (_MAP + "np.zeros((5, 16))", "every value is 0"),
     (_MAP + "np.zeros((16, 5))", "Rows come first"),
     (_MAP + "np.full((5, 16), -0.1)", "Take the absolute difference"),
