@@ -168,7 +168,7 @@ def _explain_detection(
     tracker: LaneTracker | None = None,
     track: str = "",
 ) -> Explanation:
-    """Explanation of what was found in an image; in a frame by a tracker, whose `track` is told in words."""
+    """Explanation of a detection in an image, or in a frame of a tracker; `track` describes the frames before."""
     evidence, search, lane, advice = detection.evidence, detection.search, detection.lane, _pose_advice(pose_doubt)
     fit, predicted = (tracker.fit, tracker.prediction) if tracker else (None, None)
     fit = fit or (search.fit if search else None)

@@ -50,8 +50,8 @@ PAVEMENTS = tuple(name for name in MATERIALS if name not in ("dirt", "paint"))
 BOTTS_WEAR, AROUND_PAINT = 0.3, (21, 5)
 # Share of the lines that are nearly worn off, and their wear; share of those with a stretch without paint, its length.
 WORN_SHARE, WORN, GAP_SHARE, GAP_M = 0.15, (0.5, 0.95), 0.15, (4.0, 25.0)
-# Share of the pictures in which the pavement ends at a line of the lane; distance of its edge outside that line; width
-# of the gravel beside it; brightness of the verge; and what stands at the edge.
+# Share of the pictures whose pavement ends at a line of the lane. Ranges of the distance of its edge from that line, of
+# the width of the gravel and of the brightness of the verge. Walls at the edge; "" is none.
 BORDER_SHARE, BORDER_OUTSIDE_M, GRAVEL_M, VERGE_TINT = 0.4, (-0.2, 0.4), (0.0, 1.5), (0.7, 1.6)
 BORDER_WALLS = ("kerb", "kerb", "kerb", "", "", "", "jersey", "parapet")
 # Half width of the strip that is labelled as border.

@@ -39,8 +39,8 @@ def lane_features(lane: Lane) -> dict[str, float]:
     """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information."""
     width_std_m = WIDTH_STD_M if lane.same_lane_share is None else OWN_POSE_WIDTH_STD_M
     near_std_m = float(lateral_std_m(lane.fit_covariance, 10.0).max())
-    # A heading beyond that of a car in a bend, which lags by the distance from the rear axle (2 m), at most, and a yaw
-    # of the camera beside its pose: both are large if the yaw of the pose is wrong.
+    # The heading, beyond that of a car in a bend, and the yaw of the camera relative to its pose are large if the yaw
+    # of the pose is wrong. In a bend the heading lags by the distance from the rear axle (2 m), at most.
     heading = _excess(abs(lane.heading_rad) - 2.0 * abs(lane.curvature_per_m), 0.02)
     yaw = 0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad), 0.01)
     return {

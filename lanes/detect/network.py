@@ -1,9 +1,10 @@
 """Learned marking response: a small network states for each cell of the view the probability that it is paint.
 
 A worn line and a row of Botts' dots are too faint in each row of the view for the band filter, but they line up over
-many rows. The network sees three rows of a finer view for each row, and its surroundings: 27 rows, and half a metre to
-either side. It has learned from rendered images only (`tools/train_marking_network.py`). It takes sixty times as long
-as the band filter, too long for the tracker, which sees each line in many frames; `lanes.stills` uses it.
+many rows. The network sees three rows of a finer view for each row, and its surroundings: 47 rows, and 1.8 m to either
+side. Its second output is the probability of an edge of the road. It has learned from rendered images only
+(`tools/train_marking_network.py`). It takes much longer than the band filter: `lanes.stills` uses it, and the tracker
+while no lane is confirmed.
 """
 
 from __future__ import annotations

@@ -22,7 +22,7 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
 from lanes.detect.network import learned_evidence
-from lanes.detect.paint import FrameEvidence, extract_evidence
+from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
     DetectorSettings,
@@ -271,8 +271,8 @@ class LaneTracker:
         self._since_network_s = 0.0
         learned = learned_evidence(image, evidence)
         if self._lane_moves:
-            places = learned.stripes.row, self._static_columns(learned.stripes.y_m)
-            learned = replace(learned, stripes=learned.stripes.select(~self._static.is_static(*places)))
+            static = self._static.is_static(*self._static_places(learned.stripes))
+            learned = replace(learned, stripes=learned.stripes.select(~static))
         of_band, lane = self.search, self._search(learned)
         if more_probable(found, lane) is found:
             self.search = of_band
@@ -418,7 +418,7 @@ class LaneTracker:
         a lane that moves: on a straight road without any sway, as in some simulators, solid lines do not move either.
         """
         stripes, y_m = evidence.stripes, evidence.view.y_m
-        places = stripes.row, self._static_columns(stripes.y_m)
+        places = self._static_places(stripes)
         static = self._static.is_static(*places)
         self._since_static_s += elapsed_s
         sample = self._since_static_s >= self.settings.static_period_s
@@ -445,6 +445,10 @@ class LaneTracker:
         """The lane found in the evidence without memory."""
         self.search = search_lane(evidence, self.settings.detector)
         return self.search.lane if self.search else None
+
+    def _static_places(self, stripes: Stripes) -> tuple[np.ndarray, np.ndarray]:
+        """Rows and columns of the static pattern at which stripes lie."""
+        return stripes.row, self._static_columns(stripes.y_m)
 
     def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
         """Columns of the static pattern at lateral positions."""
