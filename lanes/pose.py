@@ -30,8 +30,8 @@ from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_wi
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
-# are 3.50 to 3.75 m wide, hence the standard deviation.
-LANE_WIDTH_M, LANE_WIDTH_STD_M = 3.66, 0.10
+# are 3.50 to 3.75 m wide, hence the standard deviation. The second one is that of lanes that end at the edge of a road.
+LANE_WIDTH_M, LANE_WIDTH_STD_M, EDGE_LANE_WIDTH_STD_M = 3.66, 0.10, 0.7
 # Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
 PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
 # Prior of the roll: cameras are installed level by eye, within about a degree.
@@ -264,7 +264,7 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
 
 
 # What a lane in one image says about the camera pose, by column.
-CONFIDENCE, LOG_HEIGHT, PITCH_RAD, YAW_RAD, ROLL_RAD = range(5)
+CONFIDENCE, LOG_HEIGHT, PITCH_RAD, YAW_RAD, ROLL_RAD, EDGE = range(6)
 
 
 def _pose_from_lanes(
@@ -285,28 +285,28 @@ def _pose_from_lanes(
 
 
 def _shown_by(still: StillDetection, lane_width_m: float) -> list[float]:
-    """The five numbers that a lane says; NaN for what it does not say, which is all if it is unlikely or has one line.
+    """The six numbers that a lane says; NaN for what it does not say, which is all if it is unlikely or has one line.
 
     A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
     each by the share 2 r W / H, for lanes of width W and the camera height H.
     """
     lane, pose = still.lane, still.camera.require_pose()
     if lane is None or lane.confidence < LIKELY_CONFIDENCE or not (lane.left.seen and lane.right.seen):
-        return [0.0] + [np.nan] * 4
+        return [0.0] + [np.nan] * 5
     log_height, roll_rad = float(np.log(pose.height_m * lane_width_m / lane.width_m)), np.nan
     if any(lane.far_evidence):
         left_m, right_m = lane.model[ADJACENT]
         roll_rad = pose.roll_rad + float(right_m - left_m) * pose.height_m / (4 * lane.width_m**2)
     pitch_rad, yaw_rad = pose.pitch_rad + lane.pitch_rad, pose.yaw_rad - lane.heading_rad
-    return [lane.confidence, log_height, pitch_rad, yaw_rad, roll_rad]
+    return [lane.confidence, log_height, pitch_rad, yaw_rad, roll_rad, lane.left.edge or lane.right.edge]
 
 
 def _median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
-    """The pose whose numbers are the medians of those `shown` (images, 5), weighted by confidence."""
+    """The pose whose numbers are the medians of those `shown` (images, 6), weighted by confidence."""
     start = np.log(pose.height_m), pose.pitch_rad, pose.yaw_rad, pose.roll_rad
     log_height, pitch_rad, yaw_rad, roll_rad = (
         _weighted_median(values, shown[:, CONFIDENCE], before)
-        for values, before in zip(shown[:, LOG_HEIGHT:].T, start, strict=True)
+        for values, before in zip(shown[:, LOG_HEIGHT:EDGE].T, start, strict=True)
     )
     return CameraPose(height_m or float(np.exp(log_height)), pitch_rad, yaw_rad, roll_rad)
 
@@ -321,12 +321,13 @@ def _weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> f
 
 
 def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m: float | None) -> PoseEstimate:
-    """The estimate from what the lanes of the last pass have `shown` (images, 5), with standard deviations."""
+    """The estimate from what the lanes of the last pass have `shown` (images, 6), with standard deviations."""
     pose, total = camera.require_pose(), len(shown)
     used = int(np.isfinite(shown[:, LOG_HEIGHT]).sum())
     doubtful = used < max(1, MIN_LIKELY_SHARE * total)
     log_std = _std_of_median(shown[:, LOG_HEIGHT], LANE_WIDTH_SCATTER)
-    log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, LANE_WIDTH_STD_M / lane_width_m))
+    width_std_m = EDGE_LANE_WIDTH_STD_M if 2 * np.nansum(shown[:, EDGE]) > used else LANE_WIDTH_STD_M
+    log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, width_std_m / lane_width_m))
     rolls = int(np.isfinite(shown[:, ROLL_RAD]).sum())
     notes = []
     if doubtful:
