@@ -39,10 +39,9 @@ PRIOR_ROLL_STD_RAD = np.radians(1.0)
 # Standard deviation, in one image, of the pitch motion of the car, of its heading in the lane, and of the lane width of
 # one road relative to its mean.
 PITCH_MOTION_STD_RAD, HEADING_STD_RAD, LANE_WIDTH_SCATTER = np.radians(0.3), np.radians(1.0), 0.04
-# Images of a drive have much in common: their edges count as at most this number of independent images.
-MAX_INDEPENDENT_IMAGES = 8
-# Images of a drive that are searched with several poses each, in half a second, before all are with one.
-SEARCHED_IMAGES = 8
+# Images of a drive whose edges are used, and that are searched with several poses each, in half a second, before all
+# are with one. More images of a drive are not independent: their edges would be surer than they are right.
+FIRST_IMAGES = 8
 # Share of the images with a likely lane, below which the pose is doubtful.
 MIN_LIKELY_SHARE = 0.25
 # Weight of the pose that the images were searched with; that of a lane is its confidence.
@@ -192,7 +191,7 @@ def estimate_pose(
     except PoseError as error:
         raise PoseError(f"{files[0]}: {error}" if files else str(error)) from error
     alone = len(resized) == 1
-    edges = find_edge_direction(resized, resized_camera, MAX_INDEPENDENT_IMAGES)
+    edges = find_edge_direction(_first_images(resized), resized_camera)
 
     def estimate_from(direction: Direction) -> PoseEstimate:
         start = CameraPose(height_m or PRIOR_HEIGHT_M, direction[0][0], direction[1][0])
@@ -223,6 +222,12 @@ def _pose_from_still(image: np.ndarray, camera: Camera, direction: Direction, *,
         notes=("height and roll are assumed, and the yaw contains the car's heading in its lane",),
         still=still,
     )
+
+
+def _first_images(images: list[np.ndarray]) -> list[np.ndarray]:
+    """At most `FIRST_IMAGES` of the images, evenly spaced."""
+    chosen = np.linspace(0, len(images) - 1, min(len(images), FIRST_IMAGES)).round().astype(int)
+    return [images[k] for k in chosen]
 
 
 def ensure_pose(camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
@@ -271,9 +276,8 @@ def _pose_from_lanes(
     images: list[np.ndarray], camera: Camera, lane_width_m: float, height_m: float | None, progress: Progress | None
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
-    some = images[:: -(-len(images) // SEARCHED_IMAGES)]
     log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
-    shown = [_shown_by(detect_with_own_pose(image, camera, log_std), lane_width_m) for image in some]
+    shown = [_shown_by(detect_with_own_pose(image, camera, log_std), lane_width_m) for image in _first_images(images)]
     for last in (False, True):
         camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
         shown = []

@@ -28,11 +28,11 @@ Direction = tuple[tuple[float, float], tuple[float, float]]
 AHEAD: Direction = ((0.0, float(PRIOR_PITCH_STD_RAD)), (0.0, float(PRIOR_YAW_STD_RAD)))
 
 
-def find_edge_direction(images: list[np.ndarray], camera: Camera, max_independent: int) -> Direction:
+def find_edge_direction(images: list[np.ndarray], camera: Camera) -> Direction:
     """Pitch and yaw of a camera, each with its standard deviation, radians, from all edges of its RGB images.
 
-    The images are (height, width, 3), uint8; they count as at most `max_independent` ones. Where no edges converge, the
-    result is the prior: a camera that looks ahead.
+    The images are (height, width, 3), uint8. Where no edges converge, the result is the prior: a camera that looks
+    ahead.
     """
     votes = np.zeros((len(PITCH_GRID_RAD), len(YAW_GRID_RAD)))
     for image in images:
@@ -41,7 +41,7 @@ def find_edge_direction(images: list[np.ndarray], camera: Camera, max_independen
     pitch_penalty = 0.5 * (PITCH_GRID_RAD / PRIOR_PITCH_STD_RAD)[:, None] ** 2
     log_prior = -pitch_penalty - 0.5 * (YAW_GRID_RAD / PRIOR_YAW_STD_RAD) ** 2
     # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
-    log_posterior = votes / 2.0 * min(1.0, max_independent / len(images)) + log_prior
+    log_posterior = votes / 2.0 + log_prior
     posterior = np.exp(log_posterior - log_posterior.max())
     return mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1)), mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
 

@@ -96,7 +96,7 @@ class TestDrive:
 
     @pytest.mark.parametrize("draw", [draw_guide_lines, draw_striped_bonnet])
     def test_what_never_moves_does_not_bias_the_pose(self, draw):
-        states = np.random.default_rng(0).normal(0, (0.3, 0.007), (16, 2))
+        states = np.random.default_rng(0).normal(0, (0.3, 0.007), (10, 2))
         swaying = (
             draw(paint_motorway(CAMERA, offset_m=o, heading_rad=h, phase_m=2.9 * i, seed=i))
             for i, (o, h) in enumerate(states)
@@ -181,15 +181,15 @@ class TestOneImage:
 @pytest.mark.slow
 class TestSources:
     def test_files_folders_patterns_and_images_give_the_same_pose(self, straight, tmp_path):
-        images = straight[:3]
+        images = straight[:2]
         for number, image in enumerate(images):
             write_image(tmp_path / f"{number}.png", image)
         expected = estimate_pose(images, CAMERA).pose
         bgr = [np.ascontiguousarray(image[..., ::-1])[..., ::-1] for image in images]
-        files = [tmp_path / f"{number}.png" for number in range(3)]
+        files = [tmp_path / f"{number}.png" for number in range(2)]
         for source in (tmp_path, str(tmp_path / "*.png"), files, map(str, files), iter(images), bgr):
             assert estimate_pose(source, CAMERA).pose == expected
-        assert estimate_pose(files, CAMERA, max_pictures=2).frames_total == 2
+        assert estimate_pose(files, CAMERA, max_pictures=1).frames_total == 1
 
     def test_two_runs_agree_and_progress_counts(self, straight):
         seen = []

@@ -60,7 +60,7 @@ def assert_sound(lane: Lane | None, size: tuple[int, int]) -> None:
     assert "nan" not in repr(lane)
 
 
-@examples(24)
+@examples(12)
 @given(pictures())
 def test_the_detector_accepts_any_still(image):
     size = size_of(image)
@@ -69,7 +69,7 @@ def test_the_detector_accepts_any_still(image):
         json.dumps(as_detection(found.lane, found.camera, np.arange(size[1]), 0.0), allow_nan=False)
 
 
-@examples(25)
+@examples(15)
 @given(
     st.lists(pictures(sizes=((64, 36),)), min_size=1, max_size=4),
     st.lists(st.sampled_from([0.0, 1e-3, 1 / FPS, 0.3, 1.0, 5.0, 1e9, -1.0, np.nan]), min_size=8, max_size=8),
@@ -83,7 +83,7 @@ def test_the_tracker_accepts_any_drive_and_any_clock(images, clock):
 
 
 @pytest.mark.parametrize("name", RECIPES)
-@examples(16)
+@examples(10)
 @given(pictures())
 def test_the_recipes_accept_any_still_and_any_drive(name, image):
     size = size_of(image)
