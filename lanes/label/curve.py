@@ -1,0 +1,76 @@
+"""A smooth curve through clicked points of a lane line, snapped to the paint near it, in the raw image.
+
+It has the least squared distances from the points plus squared second differences (P. H. C. Eilers, "A perfect
+smoother", Analytical Chemistry, 2003).
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lanes.detect.paint import lightness, yellowness
+
+NO_POINT = -2.0
+# In pixels of an image 720 px high: reach of the snap at 0.4 of the height and above, and at the bottom; paint widths.
+SNAP_PX, WIDTHS_PX = (4.0, 16.0), (3, 5, 9, 15, 25, 37)
+# Smallest contrast of paint with both sides, grey levels, and its ratio to the noise.
+MIN_CONTRAST, MIN_RATIO = 8.0, 4.0
+
+
+def label_rows(height: int) -> np.ndarray:
+    """The labelled rows (R,) int of an image, at 720 px those of TuSimple: 160, 170, ... 710."""
+    step = max(round(height / 72), 1)
+    return np.arange(16 * step, height, step)
+
+
+def fit_line(image: np.ndarray, points: ArrayLike) -> np.ndarray:
+    """Columns (R,) of a line at `label_rows`; -2 above and below the points, and outside of the image.
+
+    `points` (N, 2) are (column, row) in the image (height, width, 3), uint8. Points within one row step are no line.
+    """
+    labelled, (u, v) = label_rows(len(image)), np.reshape(points, (-1, 2)).T
+    half = (labelled[1] - labelled[0]) / 2
+    if len(v) < 2 or np.ptp(v) < 2 * half:
+        return np.full(len(labelled), NO_POINT)
+    rows = half * np.arange(np.floor(v.min() / half), np.ceil(v.max() / half) + 1)
+    columns = _smooth(rows, u, v)
+    for _ in range(3):  # a curve on the paint of some rows comes near that of the next ones
+        paint = find_paint(image, rows, columns)
+        seen = np.isfinite(paint)
+        beside = np.abs(v[:, None] - rows[seen]).min(axis=1, initial=np.inf) >= half  # points without paint
+        columns = _smooth(rows, np.append(u[beside], paint[seen]), np.append(v[beside], rows[seen]))
+    at = np.interp(labelled, rows, columns, left=NO_POINT, right=NO_POINT).round(1)
+    return np.where((at >= 0) & (at <= image.shape[1] - 1), at, NO_POINT)
+
+
+def find_paint(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """Columns (R,) of the clearest paint near `columns` (R,) at `rows` (R,); NaN where there is none within reach.
+
+    Paint is brighter, or yellower, than the road on both sides.
+    """
+    scale, ratios = len(image) / 720, []
+    reach_px = scale * np.interp(rows, [0.4 * len(image), len(image)], SNAP_PX)[:, None]
+    widths = [round(width * scale) | 1 for width in WIDTHS_PX]
+    shifts, margin = np.arange(-int(reach_px.max()), int(reach_px.max()) + 1), 2 * widths[-1]
+    x = (columns[:, None] + np.arange(shifts[0] - margin, shifts[-1] + margin + 1)).astype(np.float32)
+    strips = cv2.remap(image, x, np.tile(rows[:, None], x.shape[1]).astype(np.float32), cv2.INTER_LINEAR)
+    for profiles in (lightness(strips).astype(np.float32), yellowness(strips).astype(np.float32)):
+        noise = 1 + np.median(np.abs(np.diff(profiles)), axis=1, keepdims=True)
+        for width in widths:
+            mean = cv2.blur(profiles, (width, 1))
+            contrast = (mean - np.maximum(np.roll(mean, width, axis=1), np.roll(mean, -width, axis=1)))[
+                :, margin:-margin
+            ]
+            ratio = contrast * np.sqrt(width) / noise * (1 - 0.5 * (shifts / reach_px) ** 2)
+            ratios.append(np.where((contrast < MIN_CONTRAST) | (np.abs(shifts) > reach_px), 0, ratio))
+    best = np.max(ratios, axis=0)
+    return np.where(best.max(axis=1) > MIN_RATIO, columns + shifts[best.argmax(axis=1)], np.nan)
+
+
+def _smooth(rows: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Columns (R,) at evenly spaced `rows` (R,) of the smoothing spline through points (u, v), (N,) each."""
+    share = (1 - np.abs(v[:, None] - rows) / (rows[1] - rows[0])).clip(0)  # of the rows next to each point
+    bend = np.diff(np.eye(len(rows)), 2, axis=0)
+    return np.linalg.solve(share.T @ share + bend.T @ bend, share.T @ u)
