@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from lanes.detect.paint import lightness, yellowness
 
 NO_POINT = -2.0
-# In pixels of an image 720 px high: reach of the snap at 0.4 of the height and above, and at the bottom; paint widths.
-SNAP_PX, WIDTHS_PX = (4.0, 16.0), (3, 5, 9, 15, 25, 37)
+# In pixels of an image 720 px high: reach of the snap at 0.4 of the height and above, and at the bottom; widest paint.
+SNAP_PX, WIDEST_PX = (6.0, 16.0), 37
 # Smallest contrast of paint with both sides, grey levels, and its ratio to the noise.
 MIN_CONTRAST, MIN_RATIO = 8.0, 4.0
 
@@ -30,7 +30,7 @@ def fit_line(image: np.ndarray, points: ArrayLike) -> np.ndarray:
 
     `points` (N, 2) are (column, row) in the image (height, width, 3), uint8. Points within one row step are no line.
     """
-    labelled, (u, v) = label_rows(len(image)), np.reshape(points, (-1, 2)).T
+    labelled, (u, v) = label_rows(len(image)), np.array(points, float).reshape(-1, 2).T
     half = (labelled[1] - labelled[0]) / 2
     if len(v) < 2 or np.ptp(v) < 2 * half:
         return np.full(len(labelled), NO_POINT)
@@ -52,7 +52,7 @@ def find_paint(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.n
     """
     scale, ratios = len(image) / 720, []
     reach_px = scale * np.interp(rows, [0.4 * len(image), len(image)], SNAP_PX)[:, None]
-    widths = [round(width * scale) | 1 for width in WIDTHS_PX]
+    widths = range(3, max(round(WIDEST_PX * scale), 3) + 1, 2 * max(round(scale), 1))
     shifts, margin = np.arange(-int(reach_px.max()), int(reach_px.max()) + 1), 2 * widths[-1]
     x = (columns[:, None] + np.arange(shifts[0] - margin, shifts[-1] + margin + 1)).astype(np.float32)
     strips = cv2.remap(image, x, np.tile(rows[:, None], x.shape[1]).astype(np.float32), cv2.INTER_LINEAR)

@@ -85,3 +85,5 @@ class Answer(RequestHandler):
 
     def write_error(self, status_code: int, **more: Any) -> None:
         self.finish(str(more["exc_info"][1]))  # a sentence, which the page shows
+
+    def log_exception(self, *_: Any) -> None: ...

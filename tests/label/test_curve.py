@@ -27,7 +27,7 @@ def test_the_rows_are_those_of_tusimple():
 def test_shaky_clicks_give_the_middle_of_a_bending_yellow_line(camera, time_s):
     drive = PaintedDrive(s_bend(), lane_lines(), camera=camera)
     pixels, rows = line_pixels(drive, time_s, 1.8), label_rows(camera.height)
-    clicks = choose_clicks(pixels, camera.size, np.random.default_rng(1))
+    clicks = choose_clicks(drive, time_s, 1.8, np.random.default_rng(1))
     got, truth = fit_line(drive.frame(time_s), clicks), columns_at(rows, [pixels], camera)[0]
     both = (got >= 0) & (truth >= 0)
     error_px = np.abs(got - truth)[both]

@@ -16,6 +16,8 @@ from tests.support.command_line import start
 from tests.support.painted_drive import PaintedDrive
 
 SHUT_DOWN_S = 20
+# Places along a line, metres ahead of the car.
+AHEAD_M = np.linspace(3, 70, 1400)
 
 
 class Labelling:
@@ -57,12 +59,22 @@ def line_pixels(drive: PaintedDrive, time_s: float, lateral_m: float) -> np.ndar
     """Pixels (N, 2), from near to far, of a line in the frame at `time_s`."""
     pose, mounted = drive.pose(time_s), drive.camera.pose
     tilted = replace(mounted, pitch_rad=mounted.pitch_rad + drive.motion.pitch(time_s))
-    along_m = offset_point(drive.road, pose.s_m + np.linspace(3, 70, 700), lateral_m)
+    along_m = offset_point(drive.road, pose.s_m + AHEAD_M, lateral_m)
     return drive.camera.with_pose(tilted).road_to_pixels(pose.to_car(drive.road, along_m))
 
 
-def choose_clicks(pixels: np.ndarray, size: tuple[int, int], rng: np.random.Generator, *, count: int = 5) -> np.ndarray:
-    """Points (count, 2) that a person clicks on a line: more of them far away, and up to 2 px beside it."""
-    inside = pixels[((pixels >= 3) & (pixels <= np.subtract(size, 4))).all(axis=1)]
-    rows = np.interp(np.linspace(0, 1, count) ** 1.6, [0, 1], [inside[-1, 1], inside[0, 1]])
-    return np.column_stack([np.interp(rows, inside[::-1, 1], inside[::-1, 0]), rows]) + rng.uniform(-2, 2, (count, 2))
+def is_painted(drive: PaintedDrive, time_s: float, lateral_m: float) -> np.ndarray:
+    """Which of `line_pixels`, (N,) bool, are on a dash, or on a solid line."""
+    (stripe,) = (line for line in drive.lines if line.lateral_m == lateral_m)
+    pieces = stripe.pieces(drive.pose(time_s).s_m)
+    return np.any([(low < AHEAD_M) & (high > AHEAD_M) for low, high in pieces], axis=0)
+
+
+def choose_clicks(drive: PaintedDrive, time_s: float, lateral_m: float, rng: np.random.Generator) -> np.ndarray:
+    """Points (5, 2) that a person clicks on the paint of a line: most of them far away, each up to 2 px beside it."""
+    pixels = line_pixels(drive, time_s, lateral_m)
+    inside = ((pixels >= 3) & (pixels <= np.subtract(drive.camera.size, 4))).all(axis=1)
+    pixels = pixels[inside & is_painted(drive, time_s, lateral_m)]
+    rows = np.interp(np.linspace(0, 1, 5) ** 1.6, [0, 1], pixels[[-1, 0], 1])
+    nearest = np.abs(pixels[:, 1, None] - rows).argmin(axis=0)
+    return pixels[nearest] + rng.uniform(-2, 2, (5, 2))
