@@ -52,6 +52,7 @@ def find_paint(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.n
     """
     scale, ratios = len(image) / 720, []
     reach_px = scale * np.interp(rows, [0.4 * len(image), len(image)], SNAP_PX)[:, None]
+    reach_px *= np.hypot(1, np.gradient(columns, rows)).clip(max=3)[:, None]  # across the line, not along the row
     widths = range(3, max(round(WIDEST_PX * scale), 3) + 1, 2 * max(round(scale), 1))
     shifts, margin = np.arange(-int(reach_px.max()), int(reach_px.max()) + 1), 2 * widths[-1]
     x = (columns[:, None] + np.arange(shifts[0] - margin, shifts[-1] + margin + 1)).astype(np.float32)

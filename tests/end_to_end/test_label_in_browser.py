@@ -96,7 +96,9 @@ def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, t
             assert ((line >= 0) & (true >= 0)).sum() >= 8
             rows = line_pixels(BENDS, time_s, lateral_m)[::-1, 1]
             painted = np.interp(ROWS, rows, is_painted(BENDS, time_s, lateral_m)[::-1], left=0, right=0) == 1
-            assert np.abs(line - true)[painted & (line >= 0) & (true >= 0)].max() < 2, (label.name, lateral_m)
+            seen = painted & (line >= 0) & (true >= 0)
+            away_px = np.abs(line - true) / np.hypot(1, np.gradient(true, ROWS))
+            assert away_px[seen].max() < 2, (label.name, lateral_m)
     stills = [str(folder / label.name) for label in labels]
     rows = f"{ROWS[0]}:{ROWS[-1] + 1}:{ROWS[1] - ROWS[0]}"
     camera, found = str(folder / "camera.yaml"), str(tmp_path / "lanes.jsonl")
@@ -108,8 +110,8 @@ def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, t
     ]
     clicked, direct = score(labels, predictions), score(by_hand, predictions)
     assert clicked["lines"] == direct["lines"] == 20
-    for name in ("accuracy", "matched", "fp", "fn"):
-        assert clicked[name] == direct[name], name
+    assert [clicked[name] for name in ("matched", "fp", "fn")] == [direct[name] for name in ("matched", "fp", "fn")]
+    assert clicked["accuracy"] == pytest.approx(direct["accuracy"], abs=0.005)
     assert clicked["matched"] > 0.9 and clicked["error_px"] == pytest.approx(direct["error_px"], abs=0.5)
 
 
