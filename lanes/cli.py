@@ -1,4 +1,4 @@
-"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain.
+"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain, label.
 
 Each command is a class whose docstring is its help. Plots and Dask are imported when a command needs them, so that help
 and wrong usage are answered at once.
@@ -289,9 +289,8 @@ class Explain:
 
 
 class Label:
-    """Mark both lines of the ego lane in stills, in a web page that only this machine can open. A curve through your
-    points snaps to the paint near it. Our own lines are shown beside saved labels only. The labels are TuSimple JSON
-    lines, labels.jsonl beside the stills; the next run goes on where you stopped.
+    """Mark both lines of the ego lane in stills, in a page that only this machine can open. The labels are TuSimple
+    JSON lines, labels.jsonl beside the stills; the next run continues them. Our lines are shown after yours are saved.
     """
 
     SUMMARY = "mark the lines of the lane in stills, as labels to score against"
@@ -302,8 +301,7 @@ class Label:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
         add_lens(parser, each=True)
         add_part(parser)
-        words = "stills to pick from a video (default: %(default)s)"
-        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help=words)
+        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
         parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
         parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
 

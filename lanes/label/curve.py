@@ -1,7 +1,6 @@
 """A smooth curve through clicked points of a lane line, snapped to the paint near it, in the raw image.
 
-It has the least squared distances from the points plus squared second differences (P. H. C. Eilers, "A perfect
-smoother", Analytical Chemistry, 2003).
+It minimizes squared distances plus squared second differences (P. H. C. Eilers, Analytical Chemistry 75, 2003).
 """
 
 from __future__ import annotations
@@ -15,24 +14,19 @@ from lanes.detect.paint import lightness, yellowness
 NO_POINT = -2.0
 # In pixels of an image 720 px high: reach of the snap at 0.4 of the height and above, and at the bottom; widest paint.
 SNAP_PX, WIDEST_PX = (6.0, 16.0), 37
-# Smallest contrast of paint with both sides, grey levels, and its ratio to the noise.
-MIN_CONTRAST, MIN_RATIO = 8.0, 4.0
+MIN_CONTRAST, MIN_RATIO = 8.0, 4.0  # of paint with both its sides: grey levels, and times the noise
 
 
 def label_rows(height: int) -> np.ndarray:
     """The labelled rows (R,) int of an image, at 720 px those of TuSimple: 160, 170, ... 710."""
-    step = max(round(height / 72), 1)
-    return np.arange(16 * step, height, step)
+    return np.arange(16 * (step := max(round(height / 72), 1)), height, step)
 
 
 def fit_line(image: np.ndarray, points: ArrayLike) -> np.ndarray:
-    """Columns (R,) of a line at `label_rows`; -2 above and below the points, and outside of the image.
-
-    `points` (N, 2) are (column, row) in the image (height, width, 3), uint8. Points within one row step are no line.
-    """
+    """Columns (R,) at `label_rows` of a line through `points` (N, 2), column and row, in an RGB image; -2 without."""
     labelled, (u, v) = label_rows(len(image)), np.array(points, float).reshape(-1, 2).T
     half = (labelled[1] - labelled[0]) / 2
-    if len(v) < 2 or np.ptp(v) < 2 * half:
+    if len(v) < 2 or np.ptp(v) < 2 * half:  # within one row step
         return np.full(len(labelled), NO_POINT)
     rows = half * np.arange(np.floor(v.min() / half), np.ceil(v.max() / half) + 1)
     columns = _smooth(rows, u, v)
@@ -46,10 +40,7 @@ def fit_line(image: np.ndarray, points: ArrayLike) -> np.ndarray:
 
 
 def find_paint(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Columns (R,) of the clearest paint near `columns` (R,) at `rows` (R,); NaN where there is none within reach.
-
-    Paint is brighter, or yellower, than the road on both sides.
-    """
+    """Columns (R,) near `columns` (R,), at `rows` (R,), of paint, brighter or yellower than both sides; NaN without."""
     scale, ratios = len(image) / 720, []
     reach_px = scale * np.interp(rows, [0.4 * len(image), len(image)], SNAP_PX)[:, None]
     reach_px *= np.hypot(1, np.gradient(columns, rows)).clip(max=3)[:, None]  # across the line, not along the row
@@ -61,9 +52,7 @@ def find_paint(image: np.ndarray, rows: np.ndarray, columns: np.ndarray) -> np.n
         noise = 1 + np.median(np.abs(np.diff(profiles)), axis=1, keepdims=True)
         for width in widths:
             mean = cv2.blur(profiles, (width, 1))
-            contrast = (mean - np.maximum(np.roll(mean, width, axis=1), np.roll(mean, -width, axis=1)))[
-                :, margin:-margin
-            ]
+            contrast = (mean - np.maximum(np.roll(mean, width, 1), np.roll(mean, -width, 1)))[:, margin:-margin]
             ratio = contrast * np.sqrt(width) / noise * (1 - 0.5 * (shifts / reach_px) ** 2)
             ratios.append(np.where((contrast < MIN_CONTRAST) | (np.abs(shifts) > reach_px), 0, ratio))
     best = np.max(ratios, axis=0)

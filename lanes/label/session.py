@@ -1,8 +1,4 @@
-"""The stills of a labelling session, and their labels on disk (`labels.jsonl`, TuSimple JSON lines).
-
-A label keeps the marks of both lines as `points`: their points, or None for a line that is not visible. Marks that are
-not saved as a label yet are in `unsaved.jsonl`.
-"""
+"""Stills to label, their labels on disk (`labels.jsonl`, TuSimple JSON lines), and marks that are not labels yet."""
 
 from __future__ import annotations
 
@@ -49,12 +45,11 @@ class Session:
 
     def label(self, k: int) -> dict[str, Any]:
         """The label of still `k`, or what its unsaved marks would be as one; also `saved`."""
-        name = self._names[k]
-        label = self._unsaved.get(name) or self._labels.get(name) or self._fit(k, [[], []])
-        return label | {"saved": self.saved()}
+        label = (self._labels | self._unsaved).get(self._names[k]) or self._fit(k, [[], []])
+        return {"points": [[], []]} | label | {"saved": self.saved()}
 
     def mark(self, k: int, points: Any, save: bool) -> dict[str, Any]:
-        """Write the marks of still `k` as unsaved, with `save` as its label; returns `label`. Raises LaneError."""
+        """Write the `points` of both lines (None: not visible), with `save` as a label; returns `label`, or raises."""
         label = self._unsaved[self._names[k]] = self._fit(k, points)
         if save:
             if any(mark is not None and max(line) < 0 for mark, line in zip(points, label["lanes"], strict=True)):
@@ -67,14 +62,13 @@ class Session:
     def _fit(self, k: int, points: Any) -> dict[str, Any]:
         image = read_image(self.stills[k])
         left, right = (fit_line(image, mark or []).tolist() for mark in points)
-        lines = {"h_samples": label_rows(len(image)).tolist(), "lanes": [left, right], "points": points}
-        return {"raw_file": self._names[k]} | lines
+        rows = label_rows(len(image)).tolist()
+        return {"raw_file": self._names[k], "h_samples": rows, "lanes": [left, right], "points": points}
 
 
 def _read_labels(path: Path) -> dict[str, dict[str, Any]]:
     try:
-        lines = read_text(path, "label").split("\n") if path.exists() else []
-        labels = [{"points": [[], []]} | json.loads(line) for line in lines if line.strip()]
-        return {label["raw_file"]: label for label in labels}
+        lines = filter(str.strip, read_text(path, "label").split("\n") if path.exists() else [])
+        return {label["raw_file"]: label for label in map(json.loads, lines)}
     except (ValueError, TypeError, LookupError) as error:
         raise LaneError(f"{path}: its labels cannot be used ({error}); repair it, or move it away.") from error
