@@ -1,4 +1,4 @@
-"""The labelling page in Chromium: ten stills of a drive labelled with mouse and keyboard, scored, and resumed."""
+"""The labelling page in Chromium: ten stills of a drive labelled with mouse and keyboard, and scored."""
 
 from __future__ import annotations
 
