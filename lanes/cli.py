@@ -1,4 +1,4 @@
-"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain.
+"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain, label.
 
 Each command is a class whose docstring is its help. Plots and Dask are imported when a command needs them, so that help
 and wrong usage are answered at once.
@@ -288,7 +288,36 @@ class Explain:
         return 0
 
 
-COMMANDS = {command.__name__.lower(): command for command in (Calibrate, Pose, Annotate, Detect, Explain)}
+class Label:
+    """Mark both lines of the ego lane in stills, in a page that only this machine can open. The labels are TuSimple
+    JSON lines, labels.jsonl beside the stills; the next run continues them. Our lines are shown after yours are saved.
+    """
+
+    SUMMARY = "mark the lines of the lane in stills, as labels to score against"
+    EXAMPLES = "  {program} stills/\n  {program} --hfov 60 drive.mp4 --stills 50 -o my_labels"
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
+        add_lens(parser, each=True)
+        add_part(parser)
+        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
+        parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
+        parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        try:
+            from lanes.label.server import label_stills
+        except ImportError as error:
+            raise OSError("label needs tornado, which is not installed; run pip install 'tornado>=6.6.1'.") from error
+        sources = find_sources(map(str, options.files))
+        options.output = options.output or (sources.stills[0].parent if sources.stills else Path("labels"))
+        print(label_stills(sources, read_settings(options, sources), options.stills, browser=not options.no_browser))
+        return 0
+
+
+COMMANDS = {command.__name__.lower(): command for command in (Calibrate, Pose, Annotate, Detect, Explain, Label)}
 EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
 EPILOG += """
 In a clone of the project, python -m simulator renders roads with ground truth and

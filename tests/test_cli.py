@@ -256,6 +256,8 @@ MISUSE = {
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),
     "explain: not writable": (1, "cannot be written", "explain {drive}/sky/sky.png --hfov 60 -o {drive}/file/out.png"),
     "explain: over its input": (2, "one of the inputs", "explain {drive}/sky/sky.png -o {drive}/sky/sky.png"),
+    "label: no stills": (2, "1 or more", "label {drive}/drive.mp4 --stills 0"),
+    "label: no pictures": (2, "holds neither a video nor a picture", "label {drive}/empty"),
     "calibrate: no pictures": (2, "arguments are required: PICTURE", "calibrate"),
     "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),
     "calibrate: odd pattern": (2, "9by6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 9by6"),

@@ -33,7 +33,7 @@ def commands() -> list[str]:
 
 def test_the_list_of_commands_comes_quickly():
     before = os.times()
-    assert commands() == ["calibrate", "pose", "annotate", "detect", "explain"]
+    assert commands() == ["calibrate", "pose", "annotate", "detect", "explain", "label"]
     after = os.times()
     # Processor time, because other jobs do not change it.
     assert after.children_user + after.children_system - before.children_user - before.children_system < 1

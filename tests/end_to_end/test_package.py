@@ -61,6 +61,10 @@ def test_the_pins_are_in_the_declared_ranges_and_of_their_first_minor_release():
     assert first == {name: PINNED[name].release[:2] for name in by_name(PROJECT["dependencies"])}
 
 
+def test_the_extra_of_the_labelling_page_is_what_the_requirements_pin():
+    assert lowest(EXTRAS["label"]) == {"tornado": PINNED["tornado"]}
+
+
 def test_the_lock_has_the_pins_and_the_lower_ends_of_the_extras():
     locked, wanted = pins("requirements.lock"), PINNED | lowest(EXTRAS["cluster"]) | lowest(EXTRAS["book"])
     assert wanted == {name: locked.get(name) for name in wanted}, "run `make lock`"
@@ -92,8 +96,8 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra. ipywidgets comes with Jupyter, moviepy with the course.
-    optional = {"dask", "distributed", "ipywidgets", "moviepy"}
+    # Dask and distributed are one extra, tornado is another. ipywidgets comes with Jupyter, moviepy with the course.
+    optional = {"dask", "distributed", "ipywidgets", "moviepy", "tornado"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 

@@ -1,0 +1,89 @@
+"""The web page of a labelling session: a server for this machine only, whose address holds a random token."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+import webbrowser
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from threading import Thread
+from typing import Any
+
+from tornado.httpserver import HTTPServer
+from tornado.netutil import bind_sockets
+from tornado.web import Application, RequestHandler, StaticFileHandler
+
+from lanes.annotate import DriveSettings, detect_stills
+from lanes.detections import as_detection
+from lanes.files import exclusive_writer
+from lanes.label.curve import label_rows
+from lanes.label.session import Session, pick_stills
+from lanes.sources import Sources
+
+
+def label_stills(sources: Sources, settings: DriveSettings, count: int, *, browser: bool = True) -> str:
+    """Label stills, and `count` frames of each video, in the settings' output folder; returns in words what is done."""
+    with exclusive_writer(settings.output / "labels.jsonl"):
+        picked = [still for video in sources.videos for still in pick_stills(video, settings, count)]
+        session = Session(settings.output, [*sources.stills, *picked])
+        with suppress(KeyboardInterrupt):
+            asyncio.run(_serve(session, settings, browser))
+    return f"{sum(session.saved())} of {len(session.stills)} stills have a label in {settings.output / 'labels.jsonl'}"
+
+
+async def _serve(session: Session, settings: DriveSettings, browser: bool) -> None:
+    root, ended, found = f"/{secrets.token_urlsafe()}", asyncio.Event(), dict[Path | None, Any]()
+    search = Thread(target=_find_our_lines, args=(session.stills, settings, found), daemon=True)
+
+    def ours(k: int) -> dict[str, Any]:
+        if not session.saved()[k]:
+            return {"error": "Save the label first: it must not depend on our lines."}
+        if not search.ident:
+            search.start()
+        return found.get(session.stills[k]) or found.get(None) or {}
+
+    get = {"still": session.label, "picture": lambda k: session.stills[k].read_bytes(), "ours": ours}
+    pages = Application(log_function=lambda _: None, get=get, mark=session.mark, ended=ended)
+    page = rf"{root}/(label\.(?:html|css|js))", StaticFileHandler, {"path": Path(__file__).parent}
+    # No other host: another site could give its own name the address of this machine (DNS rebinding).
+    pages.add_handlers(r"127\.0\.0\.1", [page, (rf"{root}/(still|picture|ours|end)/(\d+)", Answer)])
+    (socket,) = bind_sockets(0, "127.0.0.1")
+    HTTPServer(pages).add_socket(socket)
+    print(f"the page is at {(address := f'http://127.0.0.1:{socket.getsockname()[1]}{root}/label.html')}", flush=True)
+    if browser:
+        Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    await ended.wait()
+
+
+def _find_our_lines(stills: Sequence[Path], settings: DriveSettings, found: dict[Path | None, Any]) -> None:
+    """Put the detection in each still into `found`, by path; in the end, as None, a sentence for stills without."""
+    failures: list[Any] = []
+    try:
+        for still in detect_stills(stills, settings, failures):
+            lane, camera, rows = still.detection.lane, still.detection.camera, label_rows(len(still.image))
+            found[still.path] = as_detection(lane, camera, rows, still.run_time_ms)
+    except Exception as error:  # labelling goes on without a comparison
+        failures.append(error)
+    found[None] = {"error": " ".join(map(str, ["Our lines cannot be shown.", *failures]))}
+
+
+class Answer(RequestHandler):
+    """GET: label, picture or our lines of a still. POST: marks of a still, or the end."""
+
+    def get(self, what: str, number: str) -> None:
+        self.set_header("Cache-Control", "no-store")
+        self.write(self.settings["get"][what](int(number)))
+
+    def post(self, what: str, number: str) -> None:
+        if what == "end":
+            asyncio.get_running_loop().call_later(0.1, self.settings["ended"].set)  # after the answer
+        else:
+            self.write(self.settings["mark"](int(number), **json.loads(self.request.body)))
+
+    def write_error(self, status_code: int, **more: Any) -> None:
+        self.finish(str(more["exc_info"][1]))  # a sentence, which the page shows
+
+    def log_exception(self, *_: Any) -> None: ...

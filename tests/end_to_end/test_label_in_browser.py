@@ -1,0 +1,194 @@
+"""The labelling page in Chromium: ten stills of a drive labelled with mouse and keyboard, and scored."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from selenium.webdriver import Keys
+from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.by import By
+
+from benchmark.labels.tusimple import (
+    LaneColumns,
+    pair_predictions,
+    read_labels,
+    read_predictions,
+    score_lines,
+    summarize_lines,
+)
+from lanes.camera import save_camera
+from lanes.detect.lane import columns_at
+from lanes.images import write_image
+from lanes.label.curve import NO_POINT, label_rows
+from tests.support.browser import CHROMIUM, DRIVER, open_browser
+from tests.support.command_line import main
+from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
+from tests.support.painted_drive import BENDS
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
+    ),
+]
+TIMES_S = 0.3 * np.arange(10)
+LINES_M = 1.8, -1.8
+ROWS = label_rows(BENDS.camera.height)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("stills")
+    for number, time_s in enumerate(TIMES_S):
+        write_image(folder / f"{number}.png", BENDS.frame(time_s))
+    save_camera(BENDS.camera, folder / "camera.yaml")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def page(folder):
+    """The page after all stills were labelled with the mouse."""
+    with open_browser() as browser, labelling(folder, "--camera", folder / "camera.yaml") as session:
+        browser.get(session.address)
+        rng = np.random.default_rng(5)
+        for number, time_s in enumerate(TIMES_S):
+            browser.wait(f"still && k === {number} && still.raw_file === '{number}.png' && view.scale > 1")
+            for key, lateral_m in zip("lr", LINES_M, strict=True):
+                browser.press(key)
+                click(browser, choose_clicks(BENDS, time_s, lateral_m, rng))
+            browser.press("n")
+            browser.wait(f"still.saved[{number}]")
+        yield browser
+
+
+def click(page, points: np.ndarray) -> None:
+    """Click with the mouse at these places (N, 2) of the picture."""
+    canvas = page.find_element(By.ID, "still")
+    size = np.array([canvas.rect["width"], canvas.rect["height"]])
+    for place in page.execute_script("return arguments[0].map(toScreen)", points.tolist()):
+        from_centre = np.round(np.array(place) - size / 2).astype(int).tolist()
+        ActionChains(page, duration=0).move_to_element_with_offset(canvas, *from_centre).click().perform()
+
+
+def message(page) -> str:
+    return page.find_element(By.ID, "message").text
+
+
+def truth(time_s: float) -> np.ndarray:
+    lines = [line_pixels(BENDS, time_s, lateral_m) for lateral_m in LINES_M]
+    return columns_at(ROWS, lines, BENDS.camera)
+
+
+def score(labels: list[LaneColumns], predictions: list[LaneColumns]) -> dict[str, float]:
+    pairs = pair_predictions(labels, predictions)
+    return summarize_lines(line for pair in pairs for line in score_lines(*pair, width_px=BENDS.camera.width))
+
+
+def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, tmp_path):
+    page.wait("document.getElementById('message').textContent === 'All stills are labelled.'")
+    assert page.execute_script("return ours") is None and page.console() == []
+    labels = read_labels(folder / "labels.jsonl")
+    assert [label.name for label in labels] == [f"{number}.png" for number in range(10)]
+    for label, time_s in zip(labels, TIMES_S, strict=True):
+        for lateral_m, line, true in zip(LINES_M, label.columns, truth(time_s), strict=True):
+            assert ((line >= 0) & (true >= 0)).sum() >= 8
+            rows = line_pixels(BENDS, time_s, lateral_m)[::-1, 1]
+            painted = np.interp(ROWS, rows, is_painted(BENDS, time_s, lateral_m)[::-1], left=0, right=0) == 1
+            seen = painted & (line >= 0) & (true >= 0)
+            away_px = np.abs(line - true) / np.hypot(1, np.gradient(true, ROWS))
+            assert away_px[seen].max() < 2, (label.name, lateral_m)
+    stills = [str(folder / label.name) for label in labels]
+    rows = f"{ROWS[0]}:{ROWS[-1] + 1}:{ROWS[1] - ROWS[0]}"
+    camera, found = str(folder / "camera.yaml"), str(tmp_path / "lanes.jsonl")
+    assert main(["detect", "--camera", camera, "--rows", rows, *stills, "-o", found]) == 0
+    predictions = read_predictions(found)
+    by_hand = [
+        LaneColumns(label.name, label.rows, np.where(label.columns >= 0, truth(time_s), NO_POINT))
+        for label, time_s in zip(labels, TIMES_S, strict=True)
+    ]
+    clicked, direct = score(labels, predictions), score(by_hand, predictions)
+    assert clicked["lines"] == direct["lines"] == 20
+    assert [clicked[name] for name in ("matched", "fp", "fn")] == [direct[name] for name in ("matched", "fp", "fn")]
+    assert clicked["accuracy"] == pytest.approx(direct["accuracy"], abs=0.005)
+    assert clicked["matched"] > 0.9 and clicked["error_px"] == pytest.approx(direct["error_px"], abs=0.5)
+
+
+def test_our_lines_are_shown_beside_a_saved_label_which_then_stays(page, folder):
+    page.execute_script("return open(4)")
+    page.wait("k === 4")
+    assert page.execute_script("return ours") is None
+    page.press("s")
+    page.wait("ours")
+    page.wait("document.getElementById('message').textContent.includes('px from ours')")
+    assert message(page).startswith("Saved. left line: ")
+    before = (folder / "labels.jsonl").read_bytes()
+    page.press(Keys.ENTER)
+    page.wait("document.getElementById('message').textContent.startsWith('Our lines were shown')")
+    assert (folder / "labels.jsonl").read_bytes() == before
+    assert page.execute_script("return still.saved[4]") is True
+
+
+def test_by_keyboard_alone(page, folder):
+    page.execute_script("return open(2)")
+    page.wait("k === 2 && ours === null")
+    page.press("x")  # clears the line
+    page.wait("marks[0] === null && !still.saved[2]")
+    for _ in range(2):
+        page.press(Keys.ENTER)
+        for _ in range(3):
+            ActionChains(page).key_down(Keys.SHIFT).send_keys(Keys.ARROW_UP).key_up(Keys.SHIFT).perform()
+        page.press(Keys.ARROW_LEFT)
+    page.wait("marks[0].length === 2 && still.lanes[0].some(column => column >= 0)")
+    (x, low), (left, high) = page.execute_script("return marks[0]")
+    assert (x - left, low - high) == (1, 30)
+    scale = page.execute_script("return view.scale")
+    page.press("+")
+    page.wait(f"view.scale > {scale}")
+    page.press("0")
+    page.wait(f"Math.abs(view.scale - {scale}) < 1e-6")
+    page.press(Keys.ESCAPE)
+    page.wait("marks[0].length === 1")
+    page.press("n")  # incomplete: kept, not saved
+    page.wait("k === 3")
+    label = next(json.loads(line) for line in (folder / "labels.jsonl").read_text().splitlines()[2:])
+    assert label["raw_file"] == "2.png" and len(label["points"][0]) == 5
+    page.press("p")
+    page.wait("k === 2 && marks[0].length === 1 && !still.saved[2]")
+    page.press("o")
+    page.press("s")
+    page.wait("still.saved[2] && ours")
+    label = json.loads((folder / "labels.jsonl").read_text().splitlines()[2])
+    assert label["points"] == [None, None] and max(map(max, label["lanes"])) == NO_POINT
+    page.find_element(By.CSS_SELECTOR, "button.right").send_keys(Keys.ENTER)  # a button works by keyboard, too
+    page.wait("active === 1")
+
+
+def test_wheel_and_drag_move_the_view_and_set_no_point(page):
+    page.execute_script("return open(3)")
+    page.wait("k === 3")
+    count, view = page.execute_script("return [marks[0].length, view]")
+    canvas = page.find_element(By.ID, "still")
+    ActionChains(page).scroll_from_origin(_origin(canvas), 0, -200).perform()
+    page.wait(f"view.scale > {view['scale']} * 1.2")
+    zoomed = page.execute_script("return view")
+    ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(60, 25).release().perform()
+    page.wait(f"Math.abs(view.x - {zoomed['x']} - 60) < 3")
+    assert page.execute_script("return [marks[0].length, still.saved[3]]") == [count, True]
+
+
+def _origin(element):
+    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
+
+    return ScrollOrigin.from_element(element)
+
+
+@pytest.mark.parametrize("width", [400, 700, 1800])
+def test_the_page_fits_the_screen(page, width):
+    page.set_size(width, 900)
+    page.wait(f"innerWidth === {width}")
+    assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+    box = page.execute_script("const b = canvas.getBoundingClientRect(); return [b.width, b.height]")
+    assert box[0] > 0.9 * width and box[1] >= 250
+    assert page.console() == []

@@ -1,0 +1,64 @@
+"""The curve through clicked points: on the paint where there is some, through the points where there is none."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.detect.lane import columns_at
+from lanes.label.curve import NO_POINT, find_paint, fit_line, label_rows
+from tests.support.labelling import choose_clicks, line_pixels
+from tests.support.painted_drive import CAMERA, SMALL, PaintedDrive, lane_lines, s_bend
+
+
+def plain(*, height: int = 360, level: int = 100) -> np.ndarray:
+    noise = np.random.default_rng(0).normal(level, 2, (height, height * 16 // 9, 3))
+    return np.clip(noise, 0, 255).astype(np.uint8)
+
+
+def test_the_rows_are_those_of_tusimple():
+    assert label_rows(720).tolist() == list(range(160, 720, 10))
+    assert label_rows(1080).tolist() == list(range(240, 1080, 15))
+
+
+@pytest.mark.parametrize("camera", [SMALL, CAMERA], ids=["360 rows", "720 rows"])
+@pytest.mark.parametrize("time_s", [0.6, 2.4])
+def test_shaky_clicks_give_the_middle_of_a_bending_yellow_line(camera, time_s):
+    drive = PaintedDrive(s_bend(), lane_lines(), camera=camera)
+    pixels, rows = line_pixels(drive, time_s, 1.8), label_rows(camera.height)
+    clicks = choose_clicks(drive, time_s, 1.8, np.random.default_rng(1))
+    got, truth = fit_line(drive.frame(time_s), clicks), columns_at(rows, [pixels], camera)[0]
+    both = (got >= 0) & (truth >= 0)
+    error_px = np.abs(got - truth)[both]
+    assert both.sum() > 20 and np.median(error_px) < 0.5 and np.quantile(error_px, 0.95) < 2
+
+
+def test_without_paint_the_points_decide_and_their_order_does_not():
+    image, points = plain(), [[300.0, 200.0], [250.0, 250.0], [120.0, 350.0]]
+    got, rows = fit_line(image, points), label_rows(360)
+    assert np.array_equal(got, fit_line(image, points[::-1]))
+    for column, row in points:
+        assert got[rows == row] == pytest.approx(column, abs=3)
+    assert (got[(rows < 195) | (rows > 355)] == NO_POINT).all() and (got[(rows >= 200) & (rows <= 350)] >= 0).all()
+
+
+@pytest.mark.parametrize("shift_px, snapped", [(3, True), (25, False)])
+def test_paint_is_reached_only_near_the_curve(shift_px, snapped):
+    image = plain()
+    cv2.line(image, (200 + shift_px, 0), (200 + shift_px, 359), (200, 200, 200), 5)
+    got = fit_line(image, [[200, 230], [200, 350]])
+    assert np.median(got[got >= 0]) == pytest.approx(203 if snapped else 200, abs=0.6)
+
+
+@pytest.mark.parametrize("dark, bright", [(100, 40), (100, 200)], ids=["tar seam", "kerb"])
+def test_neither_a_dark_seam_nor_an_edge_is_paint(dark, bright):
+    image = plain(level=dark)
+    image[:, 202 : 206 if bright < dark else None] = bright
+    rows = np.arange(200.0, 350, 5)
+    assert np.isnan(find_paint(image, rows, np.full(len(rows), 200.0))).all()
+
+
+@pytest.mark.parametrize("points", [[], [[10, 200]], [[10, 200], [300, 202]]])
+def test_too_few_points_or_rows_are_no_line(points):
+    assert (fit_line(plain(), points) == NO_POINT).all()

@@ -1,0 +1,114 @@
+"""Labels on disk: read by the benchmark, resumed, and never those of other pictures; stills picked from a video."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from benchmark.labels.tusimple import read_labels
+from lanes.annotate import DriveSettings
+from lanes.errors import LaneError
+from lanes.images import read_image, write_image
+from lanes.label.session import Session, pick_stills
+from lanes.video.reader import read_video
+from tests.support.clips import write_clip
+from tests.support.project import names
+
+LEFT, RIGHT = [[200.0, 150.0], [100.0, 170.0]], [[220.0, 150.0], [300.0, 170.0]]
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for name in ("a.png", "sub/b.png", "c.png"):
+        write_image(tmp_path / name, np.full((180, 320, 3), 90, np.uint8))
+    return tmp_path
+
+
+def session(folder, *names: str) -> Session:
+    return Session(folder, [folder / name for name in names or ("a.png", "sub/b.png")])
+
+
+def test_a_saved_label_is_a_tusimple_line(folder):
+    answer = session(folder).mark(1, [LEFT, None], save=True)
+    assert answer["saved"] == [False, True]
+    (label,) = read_labels(folder / "labels.jsonl")
+    assert label.name == "sub/b.png"
+    assert (label.columns[0] >= 0).any() and (label.columns[1] == -2).all()
+    line = label.columns[0][label.columns[0] >= 0]
+    assert line.min() >= 95 and line.max() <= 205
+
+
+def test_steps_are_resumed_and_are_no_label_before_they_are_saved(folder):
+    session(folder).mark(0, [LEFT, []], save=False)
+    assert not (folder / "labels.jsonl").exists() or not (folder / "labels.jsonl").read_text().strip()
+    again = session(folder)
+    assert again.label(0)["points"] == [LEFT, []] and max(again.label(0)["lanes"][0]) > 0
+    again.mark(0, [LEFT, RIGHT], save=True)
+    last = session(folder)
+    assert last.saved() == [True, False] and last.label(0)["points"] == [LEFT, RIGHT]
+    last.mark(0, [LEFT, None], save=False)  # the saved label stays until the change is saved
+    assert last.saved() == [False, False]
+    assert (read_labels(folder / "labels.jsonl")[0].columns[1] >= 0).any()
+
+
+def test_no_lane_is_a_label_without_points(folder):
+    session(folder).mark(0, [None, None], save=True)
+    assert (read_labels(folder / "labels.jsonl")[0].columns == -2).all()
+    assert session(folder).saved() == [True, False]
+
+
+def test_labels_of_other_pictures_stay(folder):
+    other = {"raw_file": "gone.png", "h_samples": [1, 2], "lanes": [[5, 6]], "mine": "note"}
+    (folder / "labels.jsonl").write_text(json.dumps(other) + "\n")
+    session(folder, "c.png").mark(0, [LEFT, RIGHT], save=True)
+    first, second = map(json.loads, (folder / "labels.jsonl").read_text().splitlines())
+    assert first == other and second["raw_file"] == "c.png"
+
+
+@pytest.mark.parametrize("points", [[LEFT, []], [LEFT, [[1, 2]]], [LEFT, [[1.0, 99.0], [50.0, 99.5]]]])
+def test_an_unfinished_line_is_not_saved_as_invisible(folder, points):
+    with pytest.raises(LaneError, match="two or more points, or as not visible"):
+        session(folder).mark(0, points, save=True)
+    assert session(folder).saved() == [False, False]
+
+
+def test_a_failed_write_leaves_the_labels_as_they_were(folder, monkeypatch):
+    kept = session(folder)
+    kept.mark(0, [LEFT, RIGHT], save=True)
+    before = (folder / "labels.jsonl").read_bytes()
+    monkeypatch.setattr("lanes.files.os.replace", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
+    with pytest.raises(OSError, match="labels.jsonl: cannot be written"):
+        kept.mark(1, [LEFT, RIGHT], save=True)
+    assert (folder / "labels.jsonl").read_bytes() == before
+    assert names(folder) == {"a.png", "c.png", "sub", "labels.jsonl", "unsaved.jsonl"}
+
+
+@pytest.mark.parametrize("text", ["{", "[1]\n", '{"lanes": []}\n'])
+def test_a_damaged_file_of_labels_is_named(folder, text):
+    (folder / "labels.jsonl").write_text(text)
+    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
+        session(folder)
+
+
+def test_stills_lie_in_the_folder_of_the_labels(folder):
+    with pytest.raises(LaneError, match=r"a\.png: lies outside of .*sub, the folder of the labels"):
+        Session(folder / "sub", [folder / "a.png"])
+
+
+def test_stills_are_spread_over_the_video_and_kept(tmp_path):
+    shades = [np.full((90, 160, 3), level, np.uint8) for level in range(20, 220, 10)]
+    video = write_clip(tmp_path / "drive.mp4", shades)
+    settings = DriveSettings(output=tmp_path / "labels")
+    stills = list(pick_stills(video, settings, 4))
+    assert [still.name for still in stills] == [f"drive_0{k}_of_4.png" for k in (1, 2, 3, 4)]
+    frames = list(read_video(video))
+    assert all(np.array_equal(read_image(stills[k]), frames[5 * k]) for k in range(4))
+    times = [still.stat().st_mtime_ns for still in stills]
+    assert list(pick_stills(video, settings, 4)) == stills
+    assert [still.stat().st_mtime_ns for still in stills] == times
+    (tmp_path / "other").mkdir()
+    other = write_clip(tmp_path / "other" / "drive.mp4", shades[::-1])
+    with pytest.raises(LaneError, match=r"drive_01_of_4\.png: is no frame of this part of .*other"):
+        list(pick_stills(other, settings, 4))
