@@ -1,4 +1,4 @@
-"""Horizontal field of view of an uncalibrated camera: from EXIF, or assumed.
+"""The lens without a camera file: calibrated in a robot log, or a field of view from EXIF or assumed.
 
 The effect of an error was measured (docs/own_camera.md). Offset, lane width and camera height do not depend on the
 field of view, because the lane width determines them. Distances ahead are proportional to the focal length, and
@@ -9,18 +9,23 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lanes.camera import HFOV_RANGE_DEG
+from lanes.camera import HFOV_RANGE_DEG, Camera, camera_from_dict
+from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
+from lanes.video.robot_log import is_robot_log, read_camera_info
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
+# Source of a field of view that the user states.
+GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 # Values of the EXIF entry FocalPlaneResolutionUnit: inch and centimetre.
@@ -60,11 +65,26 @@ class FieldOfView:
         return f"{self.words}{effect if self.assumed else ''}"
 
 
-def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
-    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
+def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
+    """The camera in a robot log; None in other files, or without a calibration. Raises LaneError if it is not valid."""
+    info = read_camera_info(file, topic) if is_robot_log(file) else None
+    try:
+        return camera_from_dict(info) if info else None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
+
+
+def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
+    """Horizontal field of view of the first file that says it: a still by its EXIF entries, a robot log by its camera.
+
+    Otherwise it is `DEFAULT_HFOV_DEG`.
+    """
     for file in files:
         if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
             return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
+        with suppress(OSError, LaneError):  # raised again when the log is read
+            if camera := read_log_camera(file, topic):
+                return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
     return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
 
 
