@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -25,7 +25,7 @@ from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoE
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
 from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
-from lanes.lane_messages import LaneMessageWriter
+from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
@@ -44,8 +44,7 @@ SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with -
 class DriveSettings:
     """How drives and stills are annotated, see `annotate`; can be sent to another process.
 
-    `field` is the field of view of an uncalibrated lens, used if there is no `camera`. A robot log without `camera` has
-    its own one, unless the field of view is given.
+    `field`, of an uncalibrated lens, is used if there is no `camera`, not even one in a robot log.
     """
 
     output: Path
@@ -278,19 +277,18 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     with exclusive_writer(target):
         began_s = time.perf_counter()
-        tracker = make_tracker(info.fps, camera, pose)
-        function, table = track_lane(tracker, style=settings.style), TelemetryWriter(target.with_suffix(".csv"))
-        outputs: tuple[Path, ...] = (target, table.path)
+        tracker, path, opened = make_tracker(info.fps, camera, pose), target.with_suffix(".csv"), None
         if info.topic:
-            table = LaneMessageWriter(table.path, tracker, index_log(video, info.topic))
-            outputs += (table.messages_path,)
-        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
+            opened = write_lane_messages(path, tracker, index_log(video, info.topic))
+        function = track_lane(tracker, style=settings.style)
         # Decoder, tracker and encoder already run in a thread each.
-        with opencv_threads(1):
+        with opencv_threads(1), opened or nullcontext(TelemetryWriter(path)) as table:
+            options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
             written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
         count, missing = written.frames, written.missing
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
+        outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
         if settings.report:
             used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
             page = target.with_suffix(".html")
@@ -318,7 +316,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
 def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
-        lens = f"{settings.field_of(video).words}, not calibrated"
+        lens = f"{settings.field_of(video).words}"
     elif camera.report is None:
         lens = "from the camera file"
     else:

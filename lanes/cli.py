@@ -129,10 +129,9 @@ class Annotate:
     """Draw the lane with curvature, offset and confidence on videos and stills.
 
     The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
-    report (HTML, works offline) for each video, all named after it. Robot logs (ROS bags, MCAP) count as
-    videos; their lane is also written as messages (MCAP). Stills are processed independently.
-    If the camera has no pose, the pose is estimated from each drive and printed with its standard
-    deviations. All stills share one camera, unless --each gives every still a camera of its own.
+    report (HTML, works offline) for each video, and messages (MCAP) for each robot log (ROS bag, MCAP).
+    Stills are processed independently. If the camera has no pose, the pose is estimated from each drive
+    and printed with its standard deviations. All stills share one camera, unless --each gives each its own.
 
     With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
     videos. A table of all videos is written (docs/many_drives.md).
@@ -394,8 +393,9 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         field = find_field_of_view([] if each else [*sources.stills, *sources.videos], options.topic)
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
-    names = ("start_s", "end_s", "style", "report", "topic")
-    more = {name: value for name, value in vars(options).items() if name in names}
+    more = {
+        key: value for key, value in vars(options).items() if key in ("start_s", "end_s", "style", "report", "topic")
+    }
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)

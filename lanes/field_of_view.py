@@ -20,11 +20,10 @@ from lanes.camera import HFOV_RANGE_DEG, Camera, camera_from_dict
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
-from lanes.video.robot_log import is_robot_log, read_camera_info
+from lanes.video.robot_log import index_log, is_robot_log, open_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
-# Source of a field of view that the user states.
 GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
@@ -66,19 +65,32 @@ class FieldOfView:
 
 
 def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
-    """The camera in a robot log; None in other files, or without a calibration. Raises LaneError if it is not valid."""
-    info = read_camera_info(file, topic) if is_robot_log(file) else None
+    """The camera of the images on a topic of a robot log; None if the file is no log, or has no calibration of them.
+
+    It is on the topic `camera_info` next to theirs. If theirs has "rect" in its name, they are rectified. Raises
+    LaneError if the log cannot be read, or if there is no such camera.
+    """
+    if not is_robot_log(file):
+        return None
+    space, _, name = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
+    with open_log(file) as (reader, deserialize):
+        info = reader.topics.get(f"{space}/camera_info")
+        if not info or not info.msgcount:
+            return None
+        connection, _, data = next(reader.messages(info.connections))
+        # some names are upper case in ROS 1
+        entries = {key.lower(): value for key, value in vars(deserialize(data, connection.msgtype)).items()}
+    matrix = entries["p"].reshape(3, 4)[:, :3] if "rect" in name else entries["k"]
+    entries |= {"image_width": entries["width"], "image_height": entries["height"], "camera_matrix": {"data": matrix}}
+    entries |= {"distortion_coefficients": {"data": [] if "rect" in name else entries["d"]}}
     try:
-        return camera_from_dict(info) if info else None
+        return camera_from_dict(entries) if matrix.any() else None  # zero if not calibrated
     except (TypeError, ValueError, OverflowError) as error:
         raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
 
 
 def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
-    """Horizontal field of view of the first file that says it: a still by its EXIF entries, a robot log by its camera.
-
-    Otherwise it is `DEFAULT_HFOV_DEG`.
-    """
+    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`."""
     for file in files:
         if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
             return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")

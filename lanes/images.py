@@ -44,7 +44,6 @@ _VIDEO_FORMATS = (
 # A name decides only where the content does not: empty and damaged files, and MJPEG, which begins like a JPEG.
 _PICTURE_SUFFIXES = (*_WRITABLE, ".jfif", ".jpe", ".avif", ".heic", ".heif")
 _VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg", ".mjpeg", ".mjpg")
-# Robot logs, which are read as videos.
 LOG_SUFFIXES = (".bag", ".db3", ".mcap")
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those of the stored one.
 _UPRIGHT_AXES = {

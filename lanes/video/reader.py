@@ -22,6 +22,7 @@ from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.video.container import (
+    CLOCK_RESET_S,
     MAX_SHORT_SHARE,
     MIN_STEP,
     NOT_DECODED,
@@ -33,14 +34,12 @@ from lanes.video.container import (
     start_time,
     translate_errors,
 )
-from lanes.video.robot_log import index_log, is_robot_log, read_log_images
+from lanes.video.robot_log import decode_image, index_log, is_robot_log, open_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # Largest share of a file's bytes behind the last packet, as of an index.
 MAX_INDEX_SHARE = 0.3
-# A larger step back in time is a recorder's restarted clock, as in concatenated clips.
-CLOCK_RESET_S = 0.25
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
 # Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
@@ -84,8 +83,7 @@ class VideoInfo:
     """Properties of a video file.
 
     Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
-    announces or the time stamps have gaps for, but that are not in the file. `note` names a part that is not read,
-    `topic` that of the images in a robot log.
+    announces or the time stamps have gaps for, but that are not in the file. `note` names a part that is not read.
     """
 
     width: int
@@ -97,7 +95,7 @@ class VideoInfo:
     missing: int = 0
     colours: ColourTags = ColourTags()
     note: str = ""
-    topic: str | None = None
+    topic: str | None = None  # of the images in a robot log
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +120,9 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     if is_robot_log(path):
         log = index_log(path, topic)
         count, length_s = len(log.numbers), round(float(log.times_s[-1]) + 1 / log.fps, 6)
-        missing = int(log.numbers[-1]) + 1 - count
-        return VideoInfo(*log.size, log.fps, count, length_s, has_audio=False, missing=missing, topic=log.topic)
+        return VideoInfo(
+            *log.size, log.fps, count, length_s, False, log.numbers[-1].item() + 1 - count, topic=log.topic
+        )
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
@@ -165,10 +164,19 @@ def inspect_turn(path: str | Path) -> int:
 
 
 def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
-    last_s, until_s = None, math.inf if end_s is None else end_s - STAMP_TOLERANCE_S
-    for number, time_s, image in read_log_images(index_log(path, topic), start_s - STAMP_TOLERANCE_S, until_s):
-        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
-        last_s = time_s
+    log, until_s, last_s = index_log(path, topic), math.inf if end_s is None else end_s, None
+    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s])
+    begin_ns = log.recorded_ns[min(first, len(log.times_s) - 1)]
+    with open_log(path) as (reader, deserialize):
+        messages = reader.messages(reader.topics[log.topic].connections, start=int(begin_ns))
+        for place, (connection, _, data) in enumerate(messages, int(np.searchsorted(log.recorded_ns, begin_ns))):
+            if place >= end:
+                return
+            image = decode_image(deserialize(data, connection.msgtype), f"{path}: {log.topic}")
+            if image is not None and place >= first:
+                number, time_s = log.numbers[place].item(), log.times_s[place].item()
+                yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+                last_s = time_s
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
@@ -190,8 +198,8 @@ def read_timed_frames(
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
-    is_log, frame = is_robot_log(path), None
-    frames = _read_log(path, start_s, end_s, topic) if is_log else _read_frames(path, start_s, end_s)
+    frame = None
+    frames = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
     for frame in translate_errors(frames, path):
         yield frame
     if frame is None:

@@ -1,7 +1,7 @@
 """Robot logs: the images on one topic of a ROS 1 bag (.bag) or a ROS 2 bag (.db3, .mcap), read with rosbags.
 
-A log behaves like a video: `lanes.video.reader` makes frames of it. The messages are standard ones, so their
-definitions are not taken from the log, which may lack them.
+A log behaves like a video: `lanes.video.reader` makes frames of it. The messages are standard ones, so no definitions
+are needed from the log.
 """
 
 from __future__ import annotations
@@ -19,26 +19,23 @@ import numpy as np
 from lanes.errors import LaneError, VideoError
 from lanes.files import require_file
 from lanes.images import LOG_SUFFIXES
-from lanes.video.container import MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
+from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
 # Encodings of raw images (sensor_msgs/image_encodings.hpp): bytes per pixel, and OpenCV's conversion to RGB.
 ENCODINGS: dict[str, tuple[int, int | None]] = {"rgb8": (3, None), "bgr8": (3, cv2.COLOR_BGR2RGB)}
 ENCODINGS |= {"rgba8": (4, cv2.COLOR_RGBA2RGB), "bgra8": (4, cv2.COLOR_BGRA2RGB), "mono8": (1, cv2.COLOR_GRAY2RGB)}
 ENCODINGS |= {f"bayer_{p.lower()}8": (1, getattr(cv2, f"COLOR_Bayer{p}2RGB")) for p in ("RGGB", "BGGR", "GBRG", "GRBG")}
-# Header stamps that step back by more than this are not used.
-MAX_STEP_BACK_NS = 250_000_000
 
 
 @dataclass(frozen=True, eq=False)
 class LogIndex:
-    """The images on one topic in the order of their recording, (N,) each, and their width and height.
+    """The images on a topic, (N,), in the order of their recording, and their width and height.
 
-    `stamps_ns` are the times in their headers, ns since 1970; if these are zero or restart, the times of the recording,
-    `recorded_ns`. `times_s` counts from the first image. `numbers` skip missing images if the rate is constant.
+    `stamps_ns` are from the headers, since 1970, or from the recording if headers have none or restart. `times_s` count
+    from the first image; `numbers` skip missing images if the rate is constant.
     """
 
-    path: Path
     topic: str
     size: tuple[int, int]
     fps: float
@@ -58,14 +55,14 @@ def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
 
     Raises FileNotFoundError, or VideoError if the log cannot be read, or has no such images, or several cameras.
     """
-    status = require_file(path, "robot log", error=VideoError).stat()
-    return _index_log(Path(path), topic, status.st_mtime_ns, status.st_size)
+    path = require_file(path, "robot log", error=VideoError)
+    return _index_log(path, topic, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=4)
 def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     found, first = [], None
-    with _open_log(path) as (reader, deserialize):
+    with open_log(path) as (reader, deserialize):
         topic = _choose_topic(path, reader.topics, topic)
         for connection, recorded_ns, data in reader.messages(reader.topics[topic].connections):
             message = deserialize(data, connection.msgtype)
@@ -74,7 +71,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     if first is None:
         raise VideoError(f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG.")
     stamps_ns, recorded_ns = np.array(found).T
-    if not stamps_ns.all() or (np.diff(stamps_ns) < -MAX_STEP_BACK_NS).any():
+    if not stamps_ns.all() or (np.diff(stamps_ns) < -1e9 * CLOCK_RESET_S).any():
         stamps_ns = recorded_ns
     times_s = np.maximum.accumulate(stamps_ns - stamps_ns[0]) / 1e9
     steps_s = np.diff(times_s)
@@ -84,48 +81,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
         raise VideoError(f"{path}: has {len(found)} images on {topic}, {fps:g} per second; name a log of a drive.")
     constant = (steps_s * fps < MIN_STEP).mean() <= MAX_SHORT_SHARE
     numbers = np.append(0, np.cumsum(np.maximum(np.rint(steps_s * fps), 1) if constant else np.ones(len(steps_s))))
-    return LogIndex(path, topic, first.shape[1::-1], fps, stamps_ns, recorded_ns, times_s, numbers.astype(int))
-
-
-def read_log_images(log: LogIndex, start_s: float, end_s: float) -> Iterator[tuple[int, float, np.ndarray]]:
-    """Number, time and RGB image of the images with start_s <= time < end_s; damaged ones are left out.
-
-    Raises VideoError if the log cannot be read, or its images change their size.
-    """
-    low, high = np.searchsorted(log.times_s, (start_s, end_s))
-    begin_ns = int(log.recorded_ns[min(low, len(log.times_s) - 1)])
-    with _open_log(log.path) as (reader, deserialize):
-        messages = reader.messages(reader.topics[log.topic].connections, start=begin_ns)
-        for place, (connection, _, data) in enumerate(messages, int(np.searchsorted(log.recorded_ns, begin_ns))):
-            if place >= high:
-                return
-            image = decode_image(deserialize(data, connection.msgtype), f"{log.path}: {log.topic}")
-            if image is not None and image.shape[1::-1] != log.size:
-                raise VideoError(f"{log.path}: the images on {log.topic} change their size; cut the log there.")
-            if image is not None and place >= low:
-                yield int(log.numbers[place]), float(log.times_s[place]), image
-
-
-def read_camera_info(path: str | Path, topic: str | None = None) -> dict | None:
-    """The content of a camera file for the images on a topic; None if the log has no calibration of them.
-
-    It comes from the topic `camera_info` next to theirs. If that has "rect" in its name, the images are rectified, and
-    their camera matrix is a part of the projection matrix.
-    """
-    space, _, name = index_log(path, topic).topic.removesuffix("/compressed").rpartition("/")
-    with _open_log(path) as (reader, deserialize):
-        info = reader.topics.get(f"{space}/camera_info")
-        if not info or not info.msgcount:
-            return None
-        connection, _, data = next(reader.messages(info.connections))
-        # some names are upper case in ROS 1
-        found = {key.lower(): value for key, value in vars(deserialize(data, connection.msgtype)).items()}
-    matrix, distortion, model = found["k"], found["d"], found["distortion_model"]
-    if "rect" in name:
-        matrix, distortion, model = found["p"].reshape(3, 4)[:, :3], [], ""
-    content = {"image_width": found["width"], "image_height": found["height"], "distortion_model": model}
-    content |= {"camera_matrix": {"data": matrix}, "distortion_coefficients": {"data": distortion}}
-    return content if matrix.any() else None  # zero if not calibrated
+    return LogIndex(topic, first.shape[1::-1], fps, stamps_ns, recorded_ns, times_s, numbers.astype(int))
 
 
 def decode_image(message: Any, name: str = "image") -> np.ndarray | None:
@@ -138,8 +94,7 @@ def decode_image(message: Any, name: str = "image") -> np.ndarray | None:
         options = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
         return cv2.imdecode(data, options) if len(data) else None
     if message.encoding not in ENCODINGS:
-        known = ", ".join(ENCODINGS)
-        raise VideoError(f"{name} has the encoding {message.encoding!r}, which is not read; record one of {known}.")
+        raise VideoError(f"{name} has the encoding {message.encoding!r}; record one of {', '.join(ENCODINGS)}.")
     (channels, code), height, width, step = ENCODINGS[message.encoding], message.height, message.width, message.step
     if not 0 < width * channels <= step or not 0 < height * step <= len(data):
         return None
@@ -156,7 +111,7 @@ def _choose_topic(path: Path, topics: dict[str, Any], topic: str | None) -> str:
 
 
 @contextmanager
-def _open_log(path: Path | str) -> Iterator[tuple[Any, Callable]]:
+def open_log(path: Path | str) -> Iterator[tuple[Any, Callable]]:
     """Reader of a log, and the function that deserializes its messages; errors of the block become a VideoError."""
     path, ros1 = Path(path), Path(path).suffix == ".bag"
     try:
@@ -171,7 +126,5 @@ def _open_log(path: Path | str) -> Iterator[tuple[Any, Callable]]:
     except ImportError as error:
         raise VideoError(f"{path}: robot logs need rosbags, which is missing; run `pip install rosbags`.") from error
     except Exception as error:  # damaged files make rosbags raise many types
-        raise VideoError(
-            f"{path}: cannot be read as a robot log ({error or type(error).__name__}): it is cut off, damaged, "
-            "encrypted or of another kind; copy it again, or repair it with `rosbag reindex` or `mcap recover`."
-        ) from error
+        fault = f"is cut off, damaged, encrypted or no robot log ({error})"
+        raise VideoError(f"{path}: {fault}; copy it again, or repair it with its recorder's tools.") from error
