@@ -277,12 +277,12 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     with exclusive_writer(target):
         began_s = time.perf_counter()
-        tracker, path, opened = make_tracker(info.fps, camera, pose), target.with_suffix(".csv"), None
-        if info.topic:
-            opened = write_lane_messages(path, tracker, index_log(video, info.topic))
+        tracker, path = make_tracker(info.fps, camera, pose), target.with_suffix(".csv")
+        log = index_log(video, info.topic) if info.topic else None
+        writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
         function = track_lane(tracker, style=settings.style)
         # Decoder, tracker and encoder already run in a thread each.
-        with opencv_threads(1), opened or nullcontext(TelemetryWriter(path)) as table:
+        with opencv_threads(1), writer as table:
             options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
             written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s

@@ -393,9 +393,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         field = find_field_of_view([] if each else [*sources.stills, *sources.videos], options.topic)
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
-    more = {
-        key: value for key, value in vars(options).items() if key in ("start_s", "end_s", "style", "report", "topic")
-    }
+    more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)

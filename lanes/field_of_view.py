@@ -67,8 +67,7 @@ class FieldOfView:
 def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
     """The camera of the images on a topic of a robot log; None if the file is no log, or has no calibration of them.
 
-    It is on the topic `camera_info` next to theirs. If theirs has "rect" in its name, they are rectified. Raises
-    LaneError if the log cannot be read, or if there is no such camera.
+    It is on the topic `camera_info` next to theirs; with "rect" in its name theirs is rectified. Raises LaneError.
     """
     if not is_robot_log(file):
         return None

@@ -119,10 +119,8 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     """
     if is_robot_log(path):
         log = index_log(path, topic)
-        count, length_s = len(log.numbers), round(float(log.times_s[-1]) + 1 / log.fps, 6)
-        return VideoInfo(
-            *log.size, log.fps, count, length_s, False, log.numbers[-1].item() + 1 - count, topic=log.topic
-        )
+        count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
+        return VideoInfo(*log.size, log.fps, count, length_s, False, int(log.numbers[-1]) + 1 - count, topic=log.topic)
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None

@@ -1,7 +1,6 @@
 """Robot logs: the images on one topic of a ROS 1 bag (.bag) or a ROS 2 bag (.db3, .mcap), read with rosbags.
 
-A log behaves like a video: `lanes.video.reader` makes frames of it. The messages are standard ones, so no definitions
-are needed from the log.
+A log behaves like a video: `lanes.video.reader` makes frames of it. No definitions of messages are read from the log.
 """
 
 from __future__ import annotations
@@ -51,7 +50,7 @@ def is_robot_log(path: str | Path) -> bool:
 
 
 def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
-    """The images on a topic, by default the only image topic; reads the log once for calls in a row.
+    """The images on a topic, by default the only one with images; the log is read once for calls in a row.
 
     Raises FileNotFoundError, or VideoError if the log cannot be read, or has no such images, or several cameras.
     """
@@ -87,7 +86,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
 def decode_image(message: Any, name: str = "image") -> np.ndarray | None:
     """The RGB image (height, width, 3), uint8, of a ROS message, raw or compressed; None if it is damaged.
 
-    Raises VideoError, whose message begins with `name`, if raw pixels have an encoding that is not read.
+    Raises VideoError about `name` if raw pixels have an encoding that is not one of `ENCODINGS`.
     """
     data = np.frombuffer(message.data, np.uint8)
     if hasattr(message, "format"):

@@ -92,8 +92,8 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra. ipywidgets comes with Jupyter, moviepy with the course.
-    optional = {"dask", "distributed", "ipywidgets", "moviepy"}
+    # Dask and distributed are one extra, rosbags another. ipywidgets comes with Jupyter, moviepy with the course.
+    optional = {"dask", "distributed", "ipywidgets", "moviepy", "rosbags"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 
