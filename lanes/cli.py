@@ -338,8 +338,7 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
-    words = "topic of the images in a robot log (default: the only one)"
-    parser.add_argument("--topic", metavar="NAME", help=words)
+    parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:

@@ -71,19 +71,20 @@ def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
     """
     if not is_robot_log(file):
         return None
-    space, _, name = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
+    space, _, images = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
     with open_log(file) as (reader, deserialize):
         info = reader.topics.get(f"{space}/camera_info")
         if not info or not info.msgcount:
             return None
         connection, _, data = next(reader.messages(info.connections))
-        # some names are upper case in ROS 1
-        entries = {key.lower(): value for key, value in vars(deserialize(data, connection.msgtype)).items()}
-    matrix = entries["p"].reshape(3, 4)[:, :3] if "rect" in name else entries["k"]
-    entries |= {"image_width": entries["width"], "image_height": entries["height"], "camera_matrix": {"data": matrix}}
-    entries |= {"distortion_coefficients": {"data": [] if "rect" in name else entries["d"]}}
+        message = vars(deserialize(data, connection.msgtype))
+    entries = {name.lower(): value for name, value in message.items()}  # some are upper case in ROS 1
+    if "rect" in images:
+        entries |= {"k": entries["p"].reshape(3, 4)[:, :3], "d": [], "distortion_model": ""}
+    lens = {"camera_matrix": {"data": entries["k"]}, "distortion_coefficients": {"data": entries["d"]}}
+    size = {"image_width": entries["width"], "image_height": entries["height"]}
     try:
-        return camera_from_dict(entries) if matrix.any() else None  # zero if not calibrated
+        return camera_from_dict(entries | lens | size) if entries["k"].any() else None  # zero if not calibrated
     except (TypeError, ValueError, OverflowError) as error:
         raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
 

@@ -27,8 +27,8 @@ from lanes.video.robot_log import LogIndex
 
 # Suffix of the file, unlike that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
-NUMBERS = [name for name in telemetry_row(None) if name.endswith(("confidence", "_m", "_rad"))]
-TYPES = {"lines": "visualization_msgs/msg/MarkerArray"} | dict.fromkeys(NUMBERS, "std_msgs/msg/Float64")
+TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
+TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
 # Shares of the reach of a line that have a point; width of lines; opacity of one that is seen, and of one that is not.
 SHARES, WIDTH_M, SEEN_ALPHA, INFERRED_ALPHA = np.linspace(0, 1, 24) ** 2, 0.12, 1.0, 0.4
 

@@ -166,10 +166,8 @@ def estimate_pose(
         Measured height of the camera above the road. If given, the lane width is not used.
     max_pictures : int
         Number of images taken from files, evenly spaced.
-    start_s, end_s : float
-        Part of each video, seconds since its first frame.
-    topic : str, optional
-        Topic of the images in robot logs; by default the only one.
+    start_s, end_s, topic
+        Part of each video, seconds since its first frame; topic of the images in robot logs, by default the only one.
     progress : callable, optional
         Called with (images done, images in all).
 

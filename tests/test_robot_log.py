@@ -232,9 +232,11 @@ def write_with_info(path: Path, topic: str, **changes) -> Path:
 
 def test_rectified_images_have_the_projection_matrix_and_no_distortion(tmp_path):
     projection = np.array([[600.0, 0, 300, 0], [0, 610, 170, 0], [0, 0, 1, 0]])
-    path = write_with_info(tmp_path / "drive.mcap", "/front/image_rect_color", p=projection.ravel())
+    changes = {"p": projection.ravel(), "distortion_model": "equidistant", "d": np.array([0.1, 0.02, 0, 0])}
+    path = write_with_info(tmp_path / "drive.mcap", "/front/image_rect_color", **changes)
     camera = read_log_camera(path)
-    assert camera.matrix == pytest.approx(projection[:, :3]) and not camera.distortion.any()
+    assert camera.matrix == pytest.approx(projection[:, :3]) and not camera.distortion.any() and not camera.is_fisheye
+    assert read_log_camera(write_with_info(tmp_path / "raw.mcap", "/front/image_raw", **changes)).is_fisheye
 
 
 def test_a_camera_that_is_not_calibrated_or_of_another_topic_is_none(tmp_path):

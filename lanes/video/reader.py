@@ -167,9 +167,8 @@ def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str 
     begin_ns = log.recorded_ns[min(first, len(log.times_s) - 1)]
     with open_log(path) as (reader, deserialize):
         messages = reader.messages(reader.topics[log.topic].connections, start=int(begin_ns))
-        for place, (connection, _, data) in enumerate(messages, int(np.searchsorted(log.recorded_ns, begin_ns))):
-            if place >= end:
-                return
+        places = range(int(np.searchsorted(log.recorded_ns, begin_ns)), int(end))
+        for place, (connection, _, data) in zip(places, messages, strict=False):
             image = decode_image(deserialize(data, connection.msgtype), f"{path}: {log.topic}")
             if image is not None and place >= first:
                 number, time_s = log.numbers[place].item(), log.times_s[place].item()

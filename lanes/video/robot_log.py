@@ -125,5 +125,4 @@ def open_log(path: Path | str) -> Iterator[tuple[Any, Callable]]:
     except ImportError as error:
         raise VideoError(f"{path}: robot logs need rosbags, which is missing; run `pip install rosbags`.") from error
     except Exception as error:  # damaged files make rosbags raise many types
-        fault = f"is cut off, damaged, encrypted or no robot log ({error})"
-        raise VideoError(f"{path}: {fault}; copy it again, or repair it with its recorder's tools.") from error
+        raise VideoError(f"{path}: is cut off, damaged, encrypted or no robot log ({error}); copy it again.") from error
