@@ -15,7 +15,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 COALESCE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --inplace --CoalesceStreamsPreprocessor.enabled=True
 INSTALL := $(ENV)/python -m pip install --quiet --disable-pip-version-check
 INSTALLED := .venv/installed.txt
-WITH_DASK := .venv/installed-cluster.txt
+OPTIONAL := .venv/installed-cluster.txt .venv/installed-ros.txt
 MEASURING := .venv/installed-measuring.txt
 BOOK := .venv/installed-book.txt
 COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
@@ -79,7 +79,7 @@ check: lint
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
 
-test: lint $(WITH_DASK) $(BOOK)
+test: lint $(OPTIONAL) $(BOOK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile
 
@@ -89,7 +89,7 @@ fuzz: $(INSTALLED)
 
 # One process, without the speed tests: counting lines is slow.
 # Python imports `sitecustomize` at every start, so that commands run as processes are counted too.
-coverage: $(MEASURING) $(WITH_DASK)
+coverage: $(MEASURING) $(OPTIONAL)
 	@rm -f .coverage .coverage.*
 	@echo "import coverage; coverage.process_startup()" > .venv/measuring/sitecustomize.py
 	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest $(ALL_TESTS) --ignore=tests/end_to_end/test_engine_speed.py
@@ -121,10 +121,10 @@ $(INSTALLED): requirements.txt
 		print('\n'.join(extras['$*']).replace('>=', '=='))" > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-# Only the tests of many drives need Dask; they are skipped where it cannot be installed.
-$(WITH_DASK): .venv/extra-cluster.txt
-	@echo "== Installing the extra cluster into .venv (once)"
-	@$(INSTALL) -r $< && cp $< $@ || echo "== Dask could not be installed: the tests of many drives are skipped"
+# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags) need these; without them they are skipped.
+$(OPTIONAL): .venv/installed-%.txt: .venv/extra-%.txt
+	@echo "== Installing the extra $* into .venv (once)"
+	@$(INSTALL) -r $< && cp $< $@ || echo "== The extra $* could not be installed: its tests are skipped"
 
 # In folders of their own, apart from the packages that the project runs with.
 $(MEASURING) $(BOOK): .venv/installed-%.txt: .venv/extra-%.txt
@@ -132,8 +132,8 @@ $(MEASURING) $(BOOK): .venv/installed-%.txt: .venv/extra-%.txt
 	@$(INSTALL) --upgrade --target .venv/$* -r $<
 	@cp $< $@
 
-# All packages that requirements.txt, the book and Dask depend on, with hashes, for Python 3.11-3.14.
-lock: .venv/extra-book.txt .venv/extra-cluster.txt
+# All packages that requirements.txt, the book, Dask and rosbags depend on, with hashes, for Python 3.11-3.14.
+lock: .venv/extra-book.txt .venv/extra-cluster.txt .venv/extra-ros.txt
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@$(COMPILE) requirements.txt $^ -o requirements.lock
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, nullcontext
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -22,9 +22,10 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
-from lanes.field_of_view import FieldOfView, find_field_of_view
+from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
 from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
+from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
@@ -34,6 +35,7 @@ from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_w
 from lanes.track.tracker import LaneTracker
 from lanes.video.process import process_video, progress_bar, read_ahead
 from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 
@@ -42,7 +44,7 @@ SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with -
 class DriveSettings:
     """How drives and stills are annotated, see `annotate`; can be sent to another process.
 
-    `field` is the field of view of an uncalibrated lens, used if there is no `camera`.
+    `field`, of an uncalibrated lens, is used if there is no `camera`, not even one in a robot log.
     """
 
     output: Path
@@ -54,6 +56,7 @@ class DriveSettings:
     end_s: float | None = None
     report: bool = True
     progress: bool = True
+    topic: str | None = None
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with upright images of `size` (width, height).
@@ -61,9 +64,10 @@ class DriveSettings:
         A camera without a pose may be one for images as the sensor sees them: it is turned as the file says, if it then
         has the aspect ratio of the images. Raises CameraError if it has another one.
         """
-        if self.camera is None:
+        given = self.camera or (self.field and self.field.source == GIVEN)
+        camera = self.camera if given else read_log_camera(file, self.topic)
+        if camera is None:
             return Camera.from_fov(size, self.field_of(file).across(size))
-        camera = self.camera
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
         try:
@@ -127,6 +131,8 @@ def annotate(
         Write an HTML report next to each video, as is the default.
     progress : bool
         Show a progress bar, as is the default, if stderr is a terminal or a notebook.
+    topic : str
+        Topic of the images in robot logs; by default the only one. See `lanes.lane_messages` for their output.
 
     Raises
     ------
@@ -137,7 +143,7 @@ def annotate(
     """
     names = [sources] if isinstance(sources, str | Path) else sources
     found = find_sources(map(str, names))
-    field = None if camera else find_field_of_view([*found.stills, *found.videos])
+    field = None if camera else find_field_of_view([*found.stills, *found.videos], options.get("topic"))
     settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
     outcomes = list(annotate_sources(found, settings))
     results = [outcome for outcome in outcomes if isinstance(outcome, Annotation)]
@@ -216,7 +222,7 @@ def track_video(
 ) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Each frame of a video with its lane, as `track`, with a tracker for it."""
     with (
-        closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s))) as frames,
+        closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic))) as frames,
         progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
     ):
         for frame, lane in track_frames(frames, tracker):
@@ -234,12 +240,12 @@ def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator
 
 def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Camera, PoseEstimate | None]:
     """Properties of a video, its camera with the pose, and the pose estimate (None if the camera had a pose)."""
-    info = inspect_video(video)
+    info = inspect_video(video, topic=settings.topic)
     if settings.start_s >= info.duration_s:
         raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {settings.start_s:g} s.")
     camera = settings.camera_for((info.width, info.height), video)
-    options: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "infos": {video: info}}
-    images = sample_images([video], POSE_PICTURES, require=camera.require_size, **options)
+    options: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "topic": settings.topic}
+    images = sample_images([video], POSE_PICTURES, require=camera.require_size, infos={video: info}, **options)
     try:
         return info, *ensure_pose(camera, images)
     except PoseError as error:
@@ -271,16 +277,18 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     with exclusive_writer(target):
         began_s = time.perf_counter()
-        table = TelemetryWriter(target.with_suffix(".csv"))
-        function = track_lane(make_tracker(info.fps, camera, pose), style=settings.style)
-        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
+        tracker, path = make_tracker(info.fps, camera, pose), target.with_suffix(".csv")
+        log = index_log(video, info.topic) if info.topic else None
+        writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
+        function = track_lane(tracker, style=settings.style)
         # Decoder, tracker and encoder already run in a thread each.
-        with opencv_threads(1):
+        with opencv_threads(1), writer as table:
+            options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
             written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
         telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
         count, missing = written.frames, written.missing
         more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
-        outputs: tuple[Path, ...] = (target, table.path)
+        outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
         if settings.report:
             used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
             page = target.with_suffix(".html")
@@ -308,7 +316,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
 def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
-        lens = f"{settings.field_of(video).words}, not calibrated"
+        lens = f"{settings.field_of(video).words}"
     elif camera.report is None:
         lens = "from the camera file"
     else:

@@ -32,7 +32,7 @@ from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_vid
 from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError
 from lanes.explain import explain, explain_tracked
-from lanes.field_of_view import FieldOfView, find_field_of_view
+from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.many import annotate_many
@@ -116,6 +116,7 @@ class Pose:
             max_pictures=options.pictures,
             start_s=options.start_s,
             end_s=options.end_s,
+            topic=options.topic,
             progress=progress_line("pose"),
         )
         print(estimate.describe())
@@ -128,9 +129,9 @@ class Annotate:
     """Draw the lane with curvature, offset and confidence on videos and stills.
 
     The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
-    report (HTML, works offline) for each video, all named after it. Stills are processed independently.
-    If the camera has no pose, the pose is estimated from each drive and printed with its standard
-    deviations. All stills share one camera, unless --each gives every still a camera of its own.
+    report (HTML, works offline) for each video, and messages (MCAP) for each robot log (ROS bag, MCAP).
+    Stills are processed independently. If the camera has no pose, the pose is estimated from each drive
+    and printed with its standard deviations. All stills share one camera, unless --each gives each its own.
 
     With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
     videos. A table of all videos is written (docs/many_drives.md).
@@ -142,6 +143,7 @@ class Annotate:
   {program} --camera camera.yaml drives/ more/*.mp4 -o results
   {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
   {program} --each photos/
+  {program} --topic /front/image_raw drive.mcap
   {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
     @staticmethod
@@ -266,13 +268,13 @@ class Explain:
         require_no_input_among([options.output], options.files)
         (file,) = options.files
         start_s, end_s, at_s = options.start_s, options.end_s, options.at
-        info = None if kind_of_file(file) == "picture" else inspect_video(file)
+        info = None if kind_of_file(file) == "picture" else inspect_video(file, topic=options.topic)
         if info is None and at_s is not None:
             raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
         if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
             raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
-        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "progress": progress_line("pose")}
-        camera, estimate = ensure_pose(find_lens(options), options.files, **part)
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic}
+        camera, estimate = ensure_pose(find_lens(options), options.files, **part, progress=progress_line("pose"))
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
@@ -355,7 +357,7 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`. Also --each."""
+    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`. Also --topic."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
@@ -365,6 +367,7 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
+    parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -384,14 +387,14 @@ def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    return settings.camera_for(next(sample_images(files, 1)).shape[1::-1], files[0])
+    return settings.camera_for(next(sample_images(files, 1, topic=options.topic)).shape[1::-1], files[0])
 
 
 def read_to_time(video: Path, info: VideoInfo, start_s: float, at_s: float | None) -> Iterator[TimedFrame]:
     """The frames from `start_s` to that shown at `at_s`, by default only the first one, with a progress bar."""
     until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
     with (
-        closing(read_ahead(read_timed_frames(video, start_s=start_s, end_s=until_s))) as frames,
+        closing(read_ahead(read_timed_frames(video, start_s=start_s, end_s=until_s, topic=info.topic))) as frames,
         progress_bar(info, start_s=start_s, end_s=at_s, shown=True) as bar,
     ):
         for frame in islice(frames, 1 if at_s is None else None):
@@ -413,12 +416,12 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     elif options.boards:
         camera = calibrate(options.boards, progress=None if quiet else progress_line("boards"))
     elif options.hfov is not None:
-        field = FieldOfView(options.hfov, "as given")
+        field = FieldOfView(options.hfov, GIVEN)
     else:
-        field = find_field_of_view([] if each else [*sources.stills, *sources.videos])
+        field = find_field_of_view([] if each else [*sources.stills, *sources.videos], options.topic)
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
-    more = {name: value for name, value in vars(options).items() if name in ("start_s", "end_s", "style", "report")}
+    more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)

@@ -1,4 +1,4 @@
-"""Horizontal field of view of an uncalibrated camera: from EXIF, or assumed.
+"""The lens without a camera file: calibrated in a robot log, or a field of view from EXIF or assumed.
 
 The effect of an error was measured (docs/own_camera.md). Offset, lane width and camera height do not depend on the
 field of view, because the lane width determines them. Distances ahead are proportional to the focal length, and
@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from lanes.camera import HFOV_RANGE_DEG
+from lanes.camera import HFOV_RANGE_DEG, Camera, camera_from_dict
+from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
+from lanes.video.robot_log import index_log, is_robot_log, open_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
+GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 # Values of the EXIF entry FocalPlaneResolutionUnit: inch and centimetre.
@@ -60,11 +64,39 @@ class FieldOfView:
         return f"{self.words}{effect if self.assumed else ''}"
 
 
-def find_field_of_view(files: Iterable[Path]) -> FieldOfView:
-    """Horizontal field of view from the EXIF entries of the first still that has them, otherwise `DEFAULT_HFOV_DEG`."""
+def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
+    """The camera of the images on a topic of a robot log; None if the file is no log, or has no calibration of them.
+
+    It is on the topic `camera_info` next to theirs; with "rect" in its name theirs is rectified. Raises LaneError.
+    """
+    if not is_robot_log(file):
+        return None
+    space, _, images = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
+    with open_log(file) as (reader, deserialize):
+        info = reader.topics.get(f"{space}/camera_info")
+        if not info or not info.msgcount:
+            return None
+        connection, _, data = next(reader.messages(info.connections))
+        message = vars(deserialize(data, connection.msgtype))
+    entries = {name.lower(): value for name, value in message.items()}  # some are upper case in ROS 1
+    if "rect" in images:
+        entries |= {"k": entries["p"].reshape(3, 4)[:, :3], "d": [], "distortion_model": ""}
+    lens = {"camera_matrix": {"data": entries["k"]}, "distortion_coefficients": {"data": entries["d"]}}
+    size = {"image_width": entries["width"], "image_height": entries["height"]}
+    try:
+        return camera_from_dict(entries | lens | size) if entries["k"].any() else None  # zero if not calibrated
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
+
+
+def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
+    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`."""
     for file in files:
         if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
             return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
+        with suppress(OSError, LaneError):  # raised again when the log is read
+            if camera := read_log_camera(file, topic):
+                return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
     return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
 
 

@@ -44,6 +44,7 @@ _VIDEO_FORMATS = (
 # A name decides only where the content does not: empty and damaged files, and MJPEG, which begins like a JPEG.
 _PICTURE_SUFFIXES = (*_WRITABLE, ".jfif", ".jpe", ".avif", ".heic", ".heif")
 _VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg", ".mjpeg", ".mjpg")
+LOG_SUFFIXES = (".bag", ".db3", ".mcap")
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those of the stored one.
 _UPRIGHT_AXES = {
     1: ((1, 0), (0, 1)),
@@ -88,7 +89,7 @@ def kind_of_file(path: str | Path) -> Literal["picture", "video"] | None:
     suffix = path.suffix.lower()
     if (picture := _picture_format(head)) and not (picture == "Jpeg" and suffix in (".mjpeg", ".mjpg")):
         return "picture"
-    if re.match(_VIDEO_FORMATS, head, re.DOTALL) or suffix in _VIDEO_SUFFIXES:
+    if re.match(_VIDEO_FORMATS, head, re.DOTALL) or suffix in (*_VIDEO_SUFFIXES, *LOG_SUFFIXES):
         return "video"
     return "picture" if suffix in _PICTURE_SUFFIXES else None
 

@@ -33,6 +33,7 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
+from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ def read_finished(job: DriveJob) -> FinishedDrive | None:
 
 def output_sizes(job: DriveJob) -> dict[str, int]:
     """Sizes in bytes, by name, of the outputs of a drive that exist."""
-    suffixes = [".mp4", ".csv"] + ([".html"] if job.settings.report else [])
+    suffixes = [".mp4", ".csv", MESSAGES_SUFFIX] + ([".html"] if job.settings.report else [])
     paths = [job.manifest.with_suffix(suffix) for suffix in suffixes]
     return {path.name: path.stat().st_size for path in paths if path.is_file()}
 

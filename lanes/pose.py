@@ -144,6 +144,7 @@ def estimate_pose(
     max_pictures: int = POSE_PICTURES,
     start_s: float = 0.0,
     end_s: float | None = None,
+    topic: str | None = None,
     progress: Progress | None = None,
 ) -> PoseEstimate:
     """Height, pitch, yaw and roll of a camera, estimated from images of one drive.
@@ -164,8 +165,8 @@ def estimate_pose(
         Measured height of the camera above the road. If given, the lane width is not used.
     max_pictures : int
         Number of images taken from files, evenly spaced.
-    start_s, end_s : float
-        Part of each video, seconds since its first frame.
+    start_s, end_s, topic
+        Part of each video, seconds since its first frame; topic of the images in robot logs, by default the only one.
     progress : callable, optional
         Called with (images done, images in all).
 
@@ -184,7 +185,8 @@ def estimate_pose(
         raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
     files, images = _list_images(source)
     if files:
-        images = sample_images(files, max_pictures, require=camera.require_size, start_s=start_s, end_s=end_s)
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": topic}
+        images = sample_images(files, max_pictures, require=camera.require_size, **part)
     first = list(islice(images, 1))
     try:
         resized, resized_camera = _resize(chain(first, images), camera)

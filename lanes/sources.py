@@ -99,25 +99,26 @@ def sample_images(
     start_s: float = 0.0,
     end_s: float | None = None,
     infos: Mapping[Path, VideoInfo] | None = None,
+    topic: str | None = None,
 ) -> Iterator[np.ndarray]:
     """Yield up to `max_images` RGB images (height, width, 3), uint8, evenly spaced over stills and videos.
 
     `require(image, file)` raises if an image cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
-    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again. Raises
-    LaneError if a file cannot be read or a video ends before `start_s`.
+    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again.
+    `topic` is as for `inspect_video`. Raises LaneError if a file cannot be read or a video ends before `start_s`.
     """
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
         if kind_of_file(file) == "picture":
             candidates.append((file, None))
         else:
-            info = (infos or {}).get(file) or inspect_video(file)
+            info = (infos or {}).get(file) or inspect_video(file, topic=topic)
             candidates += [(file, time_s) for time_s in _times_s(file, info, max_images, start_s, end_s)]
     count = min(max_images, len(candidates))
     chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
     for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
         times_s = [time_s for _, time_s in group]
-        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s, end_s):
+        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s, end_s, topic):
             if require:
                 require(image, file)
             yield image
@@ -132,13 +133,13 @@ def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s
     return start_s + length_s * np.arange(count) / count
 
 
-def _frames_at(video: Path, times_s: list[float], end_s: float | None) -> Iterator[np.ndarray]:
+def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: str | None) -> Iterator[np.ndarray]:
     """The frames shown at increasing times before `end_s`; seeks if the next time is more than `SEEK_S` ahead."""
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:
         if time_s > now_s + SEEK_S:
-            frames = read_timed_frames(video, start_s=time_s, end_s=end_s)
+            frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
         try:
             frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
         except VideoError:  # no frame from here to `end_s`

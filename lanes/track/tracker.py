@@ -167,6 +167,11 @@ class LaneTracker:
         """The camera with the pose that the lane was found with."""
         return self.view.camera
 
+    @property
+    def lane(self) -> Lane | None:
+        """The lane in the last image, as `update` returned it."""
+        return self._lane
+
     def _use(self, camera: Camera) -> None:
         """Begin with another pose of the camera."""
         camera.require_pose()

@@ -95,7 +95,7 @@ def process_video(
         # This order renames the telemetry file only after the video.
         telemetry or nullcontext() as table,
         writer,
-        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s))) as frames,
+        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s, topic=info.topic))) as frames,
         write_behind(writer.encode) as encode,
         progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
     ):

@@ -22,6 +22,9 @@ from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.video.container import (
+    CLOCK_RESET_S,
+    MAX_SHORT_SHARE,
+    MIN_STEP,
     NOT_DECODED,
     decode_frames,
     decode_packet,
@@ -31,15 +34,12 @@ from lanes.video.container import (
     start_time,
     translate_errors,
 )
+from lanes.video.robot_log import decode_image, index_log, is_robot_log, open_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
-# The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
-MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
 # Largest share of a file's bytes behind the last packet, as of an index.
 MAX_INDEX_SHARE = 0.3
-# A larger step back in time is a recorder's restarted clock, as in concatenated clips.
-CLOCK_RESET_S = 0.25
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
 # Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
@@ -95,6 +95,7 @@ class VideoInfo:
     missing: int = 0
     colours: ColourTags = ColourTags()
     note: str = ""
+    topic: str | None = None  # of the images in a robot log
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +111,16 @@ class TimedFrame:
     latency_ms: float = 0.0
 
 
-def inspect_video(path: str | Path) -> VideoInfo:
+def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
 
-    A file that was cut off has its frames up to there. Raises FileNotFoundError, or VideoError if the file is empty,
-    not a video, or without frames.
+    A file that was cut off has its frames up to there. `topic` is that of the images in a robot log, by default the
+    only one. Raises FileNotFoundError, or VideoError if the file is empty, not a video, or without frames.
     """
+    if is_robot_log(path):
+        log = index_log(path, topic)
+        count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
+        return VideoInfo(*log.size, log.fps, count, length_s, False, int(log.numbers[-1]) + 1 - count, topic=log.topic)
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
@@ -149,9 +154,26 @@ def inspect_video(path: str | Path) -> VideoInfo:
 
 def inspect_turn(path: str | Path) -> int:
     """The EXIF orientation that a video's display matrix stands for: 1, 3, 6 or 8."""
+    if is_robot_log(path):
+        return 1
     with open_video(path) as container:
         frame = next(decode_frames(container, container.streams.video[0]), None)
         return 1 if frame is None else TURNED[_quarter_turns(frame)]
+
+
+def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
+    log, until_s, last_s = index_log(path, topic), math.inf if end_s is None else end_s, None
+    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s])
+    begin_ns = log.recorded_ns[min(first, len(log.times_s) - 1)]
+    with open_log(path) as (reader, deserialize):
+        messages = reader.messages(reader.topics[log.topic].connections, start=int(begin_ns))
+        places = range(int(np.searchsorted(log.recorded_ns, begin_ns)), int(end))
+        for place, (connection, _, data) in zip(places, messages, strict=False):
+            image = decode_image(deserialize(data, connection.msgtype), f"{path}: {log.topic}")
+            if image is not None and place >= first:
+                number, time_s = log.numbers[place].item(), log.times_s[place].item()
+                yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+                last_s = time_s
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
@@ -160,18 +182,26 @@ def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = 
         yield frame.image
 
 
-def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[TimedFrame]:
+def read_timed_frames(
+    path: str | Path, *, start_s: float = 0.0, end_s: float | None = None, topic: str | None = None
+) -> Generator[TimedFrame]:
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
     The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
-    skipped; if the frame rate is constant, their numbers are skipped too. Raises FileNotFoundError, or VideoError if
-    the file is not a video, its frame size changes, or it ends before `start_s`.
+    skipped; if the frame rate is constant, their numbers are skipped too. `topic` is as for `inspect_video`. Raises
+    FileNotFoundError, or VideoError if the file is not a video, its frame size changes, or it ends before `start_s`.
     """
     start_s = require_number(start_s, "start_s")
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
-    yield from translate_errors(_read_frames(path, start_s, end_s), path)
+    frame = None
+    frames = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
+    for frame in translate_errors(frames, path):
+        yield frame
+    if frame is None:
+        until = "" if end_s is None else f" and before {end_s:g} s"
+        raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
 def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
@@ -192,9 +222,6 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
             elapsed_s = None if last is None else float(time_s) - last.time_s
             last = TimedFrame(number, float(time_s), _upright_rgb(frame, size, converter, path), elapsed_s)
             yield last
-    if last is None:
-        until = "" if end_s is None else f" and before {end_s:g} s"
-        raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
 def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:

@@ -1,0 +1,118 @@
+"""Small robot logs for tests, written with rosbags: ROS 1 bags, ROS 2 bags (folders) and their bare files."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from rosbags import rosbag1, rosbag2
+from rosbags.typesys import Stores, get_typestore
+
+from lanes.camera import DISTORTION_MODELS, Camera
+
+BEGIN_NS = 1_700_000_000_250_000_000
+ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+# OpenCV's conversions from RGB to encodings of raw images, and bytes per pixel.
+FROM_RGB = {
+    "rgb8": (None, 3),
+    "bgr8": (cv2.COLOR_RGB2BGR, 3),
+    "rgba8": (cv2.COLOR_RGB2RGBA, 4),
+    "bgra8": (cv2.COLOR_RGB2BGRA, 4),
+    "mono8": (cv2.COLOR_RGB2GRAY, 1),
+}
+
+
+def stamps_at(times_s: Sequence[float]) -> list[int]:
+    """Header stamps of images at these times, ns."""
+    return [BEGIN_NS + round(1e9 * time_s) for time_s in times_s]
+
+
+def make_header(stamp_ns: int, types: Any = ROS2.types) -> Any:
+    stamp = types["builtin_interfaces/msg/Time"](*divmod(stamp_ns, 10**9))
+    first = {"seq": 0} if types is ROS1.types else {}
+    return types["std_msgs/msg/Header"](**first, stamp=stamp, frame_id="camera")
+
+
+def make_image(image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: Any = ROS2.types, pad: int = 0) -> Any:
+    """A raw image message, with `pad` bytes behind each row; or a compressed one, if the encoding is a suffix."""
+    header = make_header(stamp_ns, types)
+    if encoding.startswith("."):
+        data = cv2.imencode(encoding, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].ravel()
+        return types["sensor_msgs/msg/CompressedImage"](header, f"rgb8; {encoding[1:]} compressed bgr8", data)
+    code, channels = FROM_RGB.get(encoding, (None, 3))
+    height, width = image.shape[:2]
+    pixels = image if code is None else cv2.cvtColor(image, code)
+    data = np.pad(pixels.reshape(height, width * channels), ((0, 0), (0, pad)), constant_values=77).ravel()
+    return types["sensor_msgs/msg/Image"](header, height, width, encoding, 0, width * channels + pad, data)
+
+
+def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **changes: Any) -> Any:
+    """The calibration of a camera as a message; `changes` are fields by their names in ROS 2."""
+    fields: dict[str, Any] = {
+        "header": make_header(stamp_ns, types),
+        "height": camera.height,
+        "width": camera.width,
+        "distortion_model": DISTORTION_MODELS[len(camera.distortion)],
+        "d": camera.distortion.astype(float),
+        "k": camera.matrix.ravel().astype(float),
+        "r": np.eye(3).ravel(),
+        "p": np.column_stack([camera.matrix, np.zeros(3)]).ravel(),
+        "binning_x": 0,
+        "binning_y": 0,
+        "roi": types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
+    }
+    return types["sensor_msgs/msg/CameraInfo"](*(fields | changes).values())
+
+
+def write_messages(path: Path, topics: Mapping[str, Sequence[tuple[int, Any]]]) -> Path:
+    """Write (time of the recording in ns, message) of each topic to a log of the kind of its suffix; returns the path.
+
+    Without a suffix it is the folder of a ROS 2 bag in SQLite.
+    """
+    if path.suffix == ".bag":
+        with rosbag1.Writer(path) as writer:
+            for topic, messages in topics.items():
+                kind = messages[0][1].__msgtype__
+                connection = writer.add_connection(topic, kind, typestore=ROS1)
+                for time_ns, message in messages:
+                    writer.write(connection, time_ns, ROS1.serialize_ros1(message, kind))
+        return path
+    plugin = rosbag2.StoragePlugin.MCAP if path.suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    with tempfile.TemporaryDirectory() as parent:
+        folder = Path(parent, "log") if path.suffix else path
+        with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+            for topic, messages in topics.items():
+                kind = messages[0][1].__msgtype__
+                connection = writer.add_connection(topic, kind, typestore=ROS2)
+                for time_ns, message in messages:
+                    writer.write(connection, time_ns, ROS2.serialize_cdr(message, kind))
+        if path.suffix:
+            shutil.copyfile(folder / f"log{path.suffix}", path)
+    return path
+
+
+def write_log(
+    path: Path,
+    images: Sequence[np.ndarray],
+    times_s: Sequence[float],
+    *,
+    encoding: str = "rgb8",
+    topic: str = "/camera/image_raw",
+    camera: Camera | None = None,
+    delay_ns: int = 30_000_000,
+    pad: int = 0,
+) -> Path:
+    """Write a log of images with header stamps at `times_s`, recorded `delay_ns` later and irregularly."""
+    types = (ROS1 if path.suffix == ".bag" else ROS2).types
+    stamps = stamps_at(times_s)
+    recorded = [stamp + delay_ns + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
+    made = [make_image(image, stamp, encoding, types, pad) for image, stamp in zip(images, stamps, strict=True)]
+    topics = {topic: list(zip(recorded, made, strict=True))}
+    if camera:
+        topics[topic.rpartition("/")[0] + "/camera_info"] = [(recorded[0], make_camera_info(camera, stamps[0], types))]
+    return write_messages(path, topics)

@@ -1,0 +1,372 @@
+"""Robot logs of each kind behave as the video of the same images, and their messages say what the table says."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from lanes.annotate import DriveSettings, annotate_drive
+from lanes.camera import save_camera
+from lanes.errors import LaneError, VideoError
+from lanes.field_of_view import FieldOfView, read_log_camera
+from lanes.files import read_telemetry
+from lanes.sources import find_sources
+from lanes.video.reader import inspect_video, read_timed_frames
+from tests.support.clips import FPS, write_clip
+from tests.support.command_line import main
+from tests.support.painted_drive import BENDS, SMALL
+
+logs = pytest.importorskip("tests.support.robot_logs", reason="rosbags is not installed: pip install rosbags")
+
+KINDS = ("drive.bag", "drive.db3", "drive.mcap", "folder")
+FRAMES = 16
+TIMES_S = np.arange(FRAMES) / FPS
+# Columns of the telemetry in metres.
+METRES = ("offset_m", "lane_width_m", "left_c0_m", "right_c0_m")
+TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
+
+
+@pytest.fixture(scope="module")
+def video(tmp_path_factory) -> Path:
+    """The rendered drive as a video."""
+    return write_clip(tmp_path_factory.mktemp("video") / "drive.mp4", map(BENDS.frame, TIMES_S))
+
+
+@pytest.fixture(scope="module")
+def images(video) -> list[np.ndarray]:
+    return [frame.image for frame in read_timed_frames(video)]
+
+
+@pytest.fixture(scope="module")
+def of_video(video, tmp_path_factory) -> dict[str, np.ndarray]:
+    """The telemetry of the video."""
+    return annotate_drive(video, settings_for(tmp_path_factory.mktemp("of_video"), camera=SMALL)).telemetry
+
+
+def settings_for(output: Path, **changes) -> DriveSettings:
+    return DriveSettings(output=output, progress=False, report=False, **changes)
+
+
+def file_of(path: Path) -> Path:
+    """The file of a log, which is in a folder if it has no suffix."""
+    return path if path.suffix else path / f"{path.name}.db3"
+
+
+def read_back(path: Path) -> dict[str, list]:
+    """The messages of an MCAP file as (time of the recording, message) by topic."""
+    messages: dict[str, list] = {}
+    with logs.rosbag2.Reader(path) as reader:
+        for connection, time_ns, data in reader.messages():
+            messages.setdefault(connection.topic, []).append(
+                (time_ns, logs.ROS2.deserialize_cdr(data, connection.msgtype))
+            )
+    return messages
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("encoding", ["bgr8", ".png"])
+def test_a_log_of_a_drive_gives_the_telemetry_of_its_video(tmp_path, images, of_video, kind, encoding):
+    path = file_of(logs.write_log(tmp_path / kind, images, TIMES_S, encoding=encoding, camera=SMALL))
+    (found,) = find_sources([str(path)]).videos
+    telemetry = annotate_drive(found, settings_for(tmp_path / "out", camera=SMALL)).telemetry
+    assert len(telemetry["frame"]) == FRAMES
+    assert telemetry["time_s"] == pytest.approx(of_video["time_s"], abs=1e-6)
+    for name in METRES:
+        assert np.isfinite(telemetry[name][2:]).all()
+        assert telemetry[name] == pytest.approx(of_video[name], abs=1e-3, nan_ok=True)
+
+
+def test_the_pose_of_a_log_is_that_of_its_video(tmp_path, images, video):
+    """Its camera comes from the log; the images of the pose are sampled from both."""
+    path = logs.write_log(tmp_path / "drive.mcap", images, TIMES_S, camera=SMALL)
+    save_camera(replace(SMALL, pose=None), tmp_path / "lens.yaml")
+    poses = []
+    for source, lens in ((path, []), (video, ["--camera", tmp_path / "lens.yaml"])):
+        assert main(["pose", *map(str, [*lens, "--pictures", 3, source, "-o", tmp_path / "pose.yaml"])]) == 0
+        poses.append((tmp_path / "pose.yaml").read_text())
+    assert poses[0] == poses[1]
+
+
+@pytest.fixture(scope="module")
+def annotated(tmp_path_factory, images) -> tuple[Path, list[int]]:
+    """A log whose images 4 and 5 were not recorded, annotated; the folder, and the stamps of its images."""
+    folder = tmp_path_factory.mktemp("annotated")
+    kept = [number for number in range(FRAMES) if number not in (4, 5)]
+    path = logs.write_log(folder / "drive.mcap", [images[n] for n in kept], TIMES_S[kept], camera=SMALL)
+    assert annotate_drive(path, settings_for(folder, camera=SMALL)).missing == 2
+    return folder, logs.stamps_at(TIMES_S[kept])
+
+
+def test_the_messages_have_the_stamps_of_the_images_and_the_numbers_of_the_table(annotated):
+    folder, stamps = annotated
+    table, messages = read_telemetry(folder / "drive.csv"), read_back(folder / "drive.lane.mcap")
+    assert table["frame"].tolist() == [n for n in range(FRAMES) if n not in (4, 5)]
+    for topic, received in messages.items():
+        assert [time_ns for time_ns, _ in received] == stamps, topic
+    for name in ("confidence", *METRES, "curvature_per_m", "heading_rad"):
+        values = [message.data for _, message in messages[f"/lane/{name}"]]
+        assert values == pytest.approx(table[name], rel=1e-7, abs=1e-9, nan_ok=True)
+
+
+def test_the_lines_of_the_messages_are_those_of_the_table_and_of_the_road(annotated):
+    folder, stamps = annotated
+    table, lines = read_telemetry(folder / "drive.csv"), read_back(folder / "drive.lane.mcap")["/lane/lines"]
+    for row, (stamp_ns, message) in enumerate(lines):
+        truth = BENDS.truth((stamp_ns - stamps[0]) / 1e9)
+        for side, marker, line in zip(("left", "right"), message.markers, (truth.left, truth.right), strict=False):
+            assert (marker.header.stamp.sec, marker.header.stamp.nanosec) == divmod(stamp_ns, 10**9)
+            assert (marker.header.frame_id, marker.type) == ("base_link", marker.LINE_STRIP)
+            points = np.array([(p.x, p.y, p.z) for p in marker.points]).reshape(-1, 3)
+            if table["state"][row] == "lost":
+                assert marker.action == marker.DELETE and not len(points)
+                continue
+            assert marker.action == marker.ADD and marker.color.g > 0.6
+            assert points[0] == pytest.approx([0, table[f"{side}_c0_m"][row], 0], abs=1e-6)
+            assert points[-1, 0] >= 12 and (np.diff(points[:, 0]) > 0).all()
+            assert points[0, 1] == pytest.approx(line.c0_m, abs=0.1)
+    assert table["state"][-1] == "tracking"
+
+
+def test_a_line_that_is_not_known_is_deleted_and_its_numbers_are_not_a_number(tmp_path, images):
+    black = [np.zeros_like(images[0])] * 3
+    path = logs.write_log(tmp_path / "night.bag", black, TIMES_S[:3])
+    annotate_drive(path, settings_for(tmp_path, camera=SMALL))
+    messages = read_back(tmp_path / "night.lane.mcap")
+    assert all(marker.action == marker.DELETE for _, each in messages["/lane/lines"] for marker in each.markers)
+    assert np.isnan([message.data for _, message in messages["/lane/offset_m"]]).all()
+
+
+def test_a_log_in_the_output_folder_is_not_overwritten(annotated):
+    folder, _ = annotated
+    assert inspect_video(folder / "drive.mcap").frames == FRAMES - 2
+
+
+# Reading.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_times_are_those_of_the_headers_and_gaps_skip_numbers(tmp_path, kind):
+    times_s = np.array([0, 1, 2, 5, 6, 7]) / 10
+    path = file_of(logs.write_log(tmp_path / kind, TINY, times_s, delay_ns=90_000_000))
+    info, frames = inspect_video(path), list(read_timed_frames(path))
+    assert (info.width, info.height, info.fps, info.frames, info.missing) == (12, 8, 10, 6, 2)
+    assert info.duration_s == pytest.approx(0.8) and info.topic == "/camera/image_raw"
+    assert [frame.number for frame in frames] == [0, 1, 2, 5, 6, 7]
+    assert [frame.time_s for frame in frames] == pytest.approx(times_s)
+    assert [frame.elapsed_s for frame in frames[1:]] == pytest.approx(np.diff(times_s))
+    assert all((frame.image == image).all() for frame, image in zip(frames, TINY, strict=True))
+    assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.6)] == [2, 5]
+    with pytest.raises(VideoError, match=r"no frame at or after 0\.8 s"):
+        next(read_timed_frames(path, start_s=0.8))
+
+
+def test_images_at_irregular_times_have_consecutive_numbers(tmp_path):
+    times_s = [0, 0.1, 0.15, 0.32, 0.36, 0.5]
+    path = logs.write_log(tmp_path / "drive.mcap", TINY, times_s)
+    assert [frame.number for frame in read_timed_frames(path)] == list(range(6)) and not inspect_video(path).missing
+    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(times_s)
+
+
+@pytest.mark.parametrize("stamps_ns", [[0] * 6, [*logs.stamps_at([5.0, 5.1, 5.2]), *logs.stamps_at([1.0, 1.1, 1.2])]])
+def test_without_usable_stamps_the_times_are_those_of_the_recording(tmp_path, stamps_ns):
+    recorded = logs.stamps_at(np.arange(6) / 5)
+    made = [logs.make_image(image, stamp_ns) for image, stamp_ns in zip(TINY, stamps_ns, strict=True)]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/image": list(zip(recorded, made, strict=True))})
+    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(6) / 5)
+
+
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", ".png"])
+def test_the_encodings_give_the_same_images(tmp_path, encoding):
+    rng = np.random.default_rng(0)
+    images = [rng.integers(0, 256, (9, 7, 3)).astype(np.uint8) for _ in range(2)]
+    if encoding == "mono8":
+        images = [cv2.cvtColor(cv2.cvtColor(i, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB) for i in images]
+    path = logs.write_log(tmp_path / "drive.mcap", images, [0, 0.1], encoding=encoding, pad=5)
+    for frame, image in zip(read_timed_frames(path), images, strict=True):
+        assert (frame.image == image).all()
+        frame.image[:] = 0  # may be written to
+
+
+@pytest.mark.parametrize("pattern", ["rggb", "bggr", "gbrg", "grbg"])
+def test_bayer_images_are_demosaiced(tmp_path, pattern):
+    colour = {"r": 200, "g": 120, "b": 40}
+    mosaic = np.tile(np.array([colour[letter] for letter in pattern], np.uint8).reshape(2, 2), (6, 8))
+    made = [logs.make_image(np.zeros((12, 16, 3), np.uint8), stamp, "mono8") for stamp in logs.stamps_at([0, 0.1])]
+    for message in made:
+        message.encoding, message.data = f"bayer_{pattern}8", mosaic.ravel()
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/image": [(n + 1, m) for n, m in enumerate(made)]})
+    assert next(read_timed_frames(path)).image[6, 8].tolist() == [200, 120, 40]
+
+
+def test_damaged_images_are_left_out(tmp_path):
+    made = [
+        logs.make_image(image, stamp, ".png") for image, stamp in zip(TINY, logs.stamps_at(np.arange(6)), strict=True)
+    ]
+    made[2].data = made[2].data[:20]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/image": [(n + 1, m) for n, m in enumerate(made)]})
+    assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 3, 4, 5]
+
+
+# The camera.
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_camera_of_a_log(tmp_path, kind):
+    path = file_of(logs.write_log(tmp_path / kind, TINY, np.arange(6) / 10, camera=SMALL, encoding=".png"))
+    camera = read_log_camera(path)
+    assert camera.size == SMALL.size and camera.pose is None
+    assert camera.matrix == pytest.approx(SMALL.matrix) and camera.distortion == pytest.approx(SMALL.distortion)
+
+
+def write_with_info(path: Path, topic: str, **changes) -> Path:
+    stamps = logs.stamps_at([0, 0.1])
+    made = [(stamp, logs.make_image(image, stamp)) for image, stamp in zip(TINY, stamps, strict=False)]
+    info = logs.make_camera_info(SMALL, stamps[0], **changes)
+    return logs.write_messages(path, {topic: made, "/front/camera_info": [(stamps[0], info)]})
+
+
+def test_rectified_images_have_the_projection_matrix_and_no_distortion(tmp_path):
+    projection = np.array([[600.0, 0, 300, 0], [0, 610, 170, 0], [0, 0, 1, 0]])
+    changes = {"p": projection.ravel(), "distortion_model": "equidistant", "d": np.array([0.1, 0.02, 0, 0])}
+    path = write_with_info(tmp_path / "drive.mcap", "/front/image_rect_color", **changes)
+    camera = read_log_camera(path)
+    assert camera.matrix == pytest.approx(projection[:, :3]) and not camera.distortion.any() and not camera.is_fisheye
+    assert read_log_camera(write_with_info(tmp_path / "raw.mcap", "/front/image_raw", **changes)).is_fisheye
+
+
+def test_a_camera_that_is_not_calibrated_or_of_another_topic_is_none(tmp_path):
+    assert read_log_camera(write_with_info(tmp_path / "a.mcap", "/front/image_raw", k=np.zeros(9))) is None
+    assert read_log_camera(write_with_info(tmp_path / "b.mcap", "/rear/image_raw")) is None
+
+
+def test_a_lens_that_no_camera_has_is_refused_with_a_sentence(tmp_path):
+    path = write_with_info(tmp_path / "drive.mcap", "/front/image_raw", distortion_model="spherical")
+    with pytest.raises(LaneError, match=r"drive\.mcap: its camera_info is not usable .*spherical.*--hfov"):
+        read_log_camera(path)
+
+
+def test_a_given_field_of_view_comes_before_the_camera_of_the_log(tmp_path):
+    path = logs.write_log(tmp_path / "drive.mcap", TINY, np.arange(6) / 10, camera=SMALL)
+    given, other = FieldOfView(90.0, "as given"), FieldOfView(90.0, "as photo.jpg says (EXIF)")
+    assert settings_for(tmp_path, field=given).camera_for(SMALL.size, path).hfov_deg == pytest.approx(90, abs=0.1)
+    assert settings_for(tmp_path, field=other).camera_for(SMALL.size, path).matrix == pytest.approx(SMALL.matrix)
+
+
+# What cannot be used.
+
+
+def write_two_cameras(path: Path) -> Path:
+    types = (logs.ROS1 if path.suffix == ".bag" else logs.ROS2).types
+    stamps = logs.stamps_at(np.arange(6) / 10)
+    front, rear = (
+        [(stamp, logs.make_image(image + shade, stamp, types=types)) for image, stamp in zip(TINY, stamps, strict=True)]
+        for shade in (0, 100)
+    )
+    return logs.write_messages(path, {"/front/image_raw": front, "/rear/image_raw": rear})
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_one_of_two_cameras_is_chosen_by_its_topic(tmp_path, kind):
+    path = file_of(write_two_cameras(tmp_path / kind))
+    with pytest.raises(VideoError, match="/front/image_raw, /rear/image_raw; choose one of them with --topic"):
+        inspect_video(path)
+    with pytest.raises(VideoError, match="/front/image_raw, /rear/image_raw, not on /left; choose"):
+        inspect_video(path, topic="/left")
+    frame = next(read_timed_frames(path, start_s=0.2, topic="/rear/image_raw"))
+    assert frame.number == 2 and (frame.image == TINY[2] + 100).all()
+
+
+def test_compressed_copies_of_the_images_are_no_second_camera(tmp_path):
+    stamps = logs.stamps_at([0, 0.1])
+    raw, copies = (
+        [(stamp, logs.make_image(image, stamp, kind)) for image, stamp in zip(TINY, stamps, strict=False)]
+        for kind in ("rgb8", ".jpg")
+    )
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/image/compressed": copies, "/image": raw})
+    assert inspect_video(path).topic == "/image"
+
+
+def test_the_command_takes_the_topic(tmp_path, images, capsys):
+    stamps = logs.stamps_at(TIMES_S)
+    road = [(s, logs.make_image(i, s, ".png")) for s, i in zip(stamps, images, strict=True)]
+    sky = [(s, logs.make_image(np.full_like(images[0], 200), s, ".png")) for s in stamps]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": road, "/up": sky})
+    save_camera(SMALL, tmp_path / "camera.yaml")
+    common = ["--camera", str(tmp_path / "camera.yaml"), str(path)]
+    assert main(["annotate", *common, "-o", str(tmp_path / "none")]) == 2
+    assert "choose one of them with --topic" in capsys.readouterr().err and not (tmp_path / "none").exists()
+    for command, output in (("annotate", "out"), ("detect", "lanes.jsonl"), ("explain", "explained.png")):
+        assert main([command, *common, "--topic", "/front", "-o", str(tmp_path / output)]) == 0
+    assert (read_telemetry(tmp_path / "out" / "drive.csv")["state"] == "tracking").any()
+    assert {file.name for file in (tmp_path / "out").iterdir()} == {
+        f"drive{s}" for s in (".csv", ".html", ".lane.mcap", ".mp4")
+    }
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.001, 0.3, 0.95])
+def test_a_log_that_was_cut_off_ends_with_a_sentence(tmp_path, kind, share):
+    path = file_of(logs.write_log(tmp_path / kind, TINY * 40, np.arange(240) / 10))
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    with pytest.raises(VideoError, match=r"(cut off, damaged, encrypted or no robot log|the file is empty)"):
+        inspect_video(path)
+
+
+def test_an_encrypted_log_ends_with_a_sentence(tmp_path):
+    path = logs.write_log(tmp_path / "drive.bag", TINY, np.arange(6) / 10)
+    data = path.read_bytes()
+    # the header of the bag is padded to 4096 bytes: a field is added, and as much of the padding is removed
+    field = b"encryptor=rosbag/AesCbcEncryptor"
+    field = len(field).to_bytes(4, "little") + field
+    begin = data.index(b"\n") + 1
+    length = int.from_bytes(data[begin : begin + 4], "little")
+    header = data[begin + 4 : begin + 4 + length] + field
+    rest = data[begin + 4 + length :]
+    padding = int.from_bytes(rest[:4], "little") - len(field)
+    path.write_bytes(
+        data[:begin]
+        + len(header).to_bytes(4, "little")
+        + header
+        + padding.to_bytes(4, "little")
+        + rest[4 : 4 + padding]
+        + rest[4 + padding + len(field) :]
+    )
+    with pytest.raises(VideoError, match=r"drive\.bag: is cut off, damaged, encrypted.*AesCbcEncryptor.*; copy it"):
+        inspect_video(path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_log_without_images_ends_with_a_sentence(tmp_path, kind):
+    types = (logs.ROS1 if kind.endswith(".bag") else logs.ROS2).types
+    words = types["std_msgs/msg/String"]("hello")
+    path = file_of(logs.write_messages(tmp_path / kind, {"/chatter": [(1, words)]}))
+    with pytest.raises(VideoError, match="has images on no topic; name another log"):
+        inspect_video(path)
+
+
+@pytest.mark.parametrize("name", ["text.bag", "text.db3", "text.mcap"])
+def test_another_file_with_the_name_of_a_log_ends_with_a_sentence(tmp_path, name):
+    (tmp_path / name).write_text("no log at all\n" * 10)
+    with pytest.raises(VideoError, match="no robot log"):
+        inspect_video(tmp_path / name)
+
+
+def test_images_that_are_not_read_end_with_a_sentence(tmp_path):
+    path = logs.write_log(tmp_path / "deep.mcap", TINY, np.arange(6) / 10, encoding="32FC1")
+    with pytest.raises(VideoError, match=r"deep\.mcap: /camera/image_raw has the encoding '32FC1'; record one of rgb8"):
+        inspect_video(path)
+    path = logs.write_log(tmp_path / "one.mcap", TINY[:1], [0])
+    with pytest.raises(VideoError, match=r"one\.mcap: has 1 images"):
+        inspect_video(path)
+
+
+def test_without_rosbags_a_sentence_says_what_to_install(tmp_path, monkeypatch):
+    path = logs.write_log(tmp_path / "drive.mcap", TINY, np.arange(6) / 10)
+    monkeypatch.setitem(sys.modules, "rosbags", None)
+    with pytest.raises(VideoError, match=r"drive\.mcap: .*pip install rosbags"):
+        inspect_video(path)
