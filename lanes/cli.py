@@ -28,6 +28,7 @@ from lanes.calibration import (
 )
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
+from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError
@@ -117,6 +118,7 @@ class Pose:
             start_s=options.start_s,
             end_s=options.end_s,
             progress=progress_line("pose"),
+            markings=options.markings and load_markings(options.markings),
         )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -271,17 +273,19 @@ class Explain:
             raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
         if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
             raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
+        markings = options.markings and load_markings(options.markings)
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "progress": progress_line("pose")}
-        camera, estimate = ensure_pose(find_lens(options), options.files, **part)
+        camera, estimate = ensure_pose(find_lens(options), options.files, markings=markings, **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
             still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
         if info:
-            frames, tracker = read_to_time(file, info, start_s, at_s), make_tracker(info.fps, camera, estimate)
-            explanation = explain_tracked(frames, tracker, pose_doubt=pose_doubt)
+            tracker = make_tracker(info.fps, camera, estimate, markings)
+            explanation = explain_tracked(read_to_time(file, info, start_s, at_s), tracker, pose_doubt=pose_doubt)
         else:
-            explanation = explain(read_image(file), camera, detection=still, pose_doubt=pose_doubt)
+            doubt: dict[str, Any] = {"detection": still, "pose_doubt": pose_doubt}
+            explanation = explain(read_image(file), camera, markings=markings, **doubt)
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")
@@ -326,7 +330,10 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`. Also --each."""
+    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`.
+
+    Also --each and --markings.
+    """
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
@@ -336,6 +343,8 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
+    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
+    parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -392,6 +401,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     more = {name: value for name, value in vars(options).items() if name in ("start_s", "end_s", "style", "report")}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
+    more["markings"] = options.markings and load_markings(options.markings)
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
 
 

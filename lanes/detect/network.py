@@ -62,7 +62,7 @@ def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     view = band.view
     paint, edges = network_strengths(image, view)
     response = MarkingResponse(paint, band.response.channels, learned=True)
-    painted = place(find_stripes(response, view), band.response.strength, view)
+    painted, _ = place(find_stripes(response, view), band.response.strength, view)
     return replace(band, response=response, stripes=painted.joined(edge_stripes(edges, view)))
 
 
@@ -130,12 +130,12 @@ def _read_network() -> cv2.dnn.Net:
     return cv2.dnn.readNetFromONNX(np.frombuffer(NETWORK_FILE.read_bytes(), np.uint8))
 
 
-def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> Stripes:
-    """The stripes; those that are clear stripes for the band filter, too, at its position: it is more exact."""
+def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> tuple[Stripes, np.ndarray]:
+    """The stripes, and which (bool) are clear ones for the band filter, too: at its position, which is more exact."""
     column = np.rint((view.y_m[0] - stripes.y_m) / view.cell_m).astype(int)
     # within two columns a peak of the band filter is the same stripe, the nearest one first
     nearby = np.clip(column[:, None] + [0, -1, 1, -2, 2], 1, view.shape[1] - 2)
     peak = nearby[np.arange(len(nearby)), band_strength[stripes.row[:, None], nearby].argmax(axis=1)]
     y_m = view.y_m[0] - peak_position(band_strength, stripes.row, peak) * view.cell_m
     clear = band_strength[stripes.row, peak] > PAINT.half_weight_strength
-    return replace(stripes, y_m=np.where(clear, y_m, stripes.y_m))
+    return replace(stripes, y_m=np.where(clear, y_m, stripes.y_m)), clear
