@@ -129,8 +129,7 @@ def annotate(
         Write an HTML report next to each video, as is the default.
     progress : bool
         Show a progress bar, as is the default, if stderr is a terminal or a notebook.
-    markings : callable
-        As for `lanes.find_lane`; called for every frame.
+    markings : callable, as for `lanes.find_lane`
 
     Raises
     ------
@@ -196,8 +195,7 @@ def track(
         Speed of the car; estimated if not given.
     start_s, end_s, progress, info
         As for `process_video`.
-    markings : callable, optional
-        As for `lanes.find_lane`; called for every frame.
+    markings : callable, optional, as for `lanes.find_lane`
 
     Raises
     ------
@@ -426,17 +424,16 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
     alone = len(sizes) == 1
     began_s = time.perf_counter()
     try:
-        source: Any = image if alone else usable
         camera = settings.camera_for((width, height), usable[0])
-        camera, pose = ensure_pose(camera, source, markings=settings.markings)
+        camera, pose = ensure_pose(camera, image if alone else usable, markings=settings.markings)
     except PoseError as error:
         raise PoseError(f"{usable[0]}: {error}") from error
     for path in usable:
         if not alone:
             image, began_s = read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
-        detection, of_still = pose.still if pose else None, pose
-        detection = detection or detect_still(image, camera, markings=settings.markings)
+        of_still, found = pose, pose and pose.still
+        detection = found or detect_still(image, camera, markings=settings.markings)
         if pose and not alone and (pose.lane_width_m is None or detection.confidence < LIKELY_CONFIDENCE):
             # The pose of the others may not be that of this still.
             own = estimate_pose(image, settings.camera_for((width, height), path), markings=settings.markings)

@@ -39,7 +39,7 @@ from lanes.images import kind_of_file, read_image, write_image
 from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
-from lanes.stills import HEIGHT_RANGE_M
+from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import progress_bar, read_ahead
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 
@@ -274,8 +274,8 @@ class Explain:
         if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
             raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
         markings = options.markings and load_markings(options.markings)
-        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "progress": progress_line("pose")}
-        camera, estimate = ensure_pose(find_lens(options), options.files, markings=markings, **part)
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "markings": markings}
+        camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"), **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
@@ -284,8 +284,9 @@ class Explain:
             tracker = make_tracker(info.fps, camera, estimate, markings)
             explanation = explain_tracked(read_to_time(file, info, start_s, at_s), tracker, pose_doubt=pose_doubt)
         else:
-            doubt: dict[str, Any] = {"detection": still, "pose_doubt": pose_doubt}
-            explanation = explain(read_image(file), camera, markings=markings, **doubt)
+            image = read_image(file)
+            still = still or (detect_still(image, camera, markings=markings) if markings else None)
+            explanation = explain(image, camera, detection=still, pose_doubt=pose_doubt)
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")
@@ -330,10 +331,7 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`.
-
-    Also --each and --markings.
-    """
+    """Add the options for the lens (one of --camera, --hfov, --boards, or none), --markings, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)

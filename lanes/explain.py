@@ -18,7 +18,6 @@ from lanes.describe import describe_bend
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
-from lanes.detect.markings import Markings
 from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
@@ -111,12 +110,7 @@ class Explanation:
 
 
 def explain(
-    image: np.ndarray,
-    camera: Camera,
-    *,
-    detection: StillDetection | None = None,
-    pose_doubt: str | None = None,
-    markings: Markings | None = None,
+    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_doubt: str | None = None
 ) -> Explanation:
     """Every step of the lane detection in a raw RGB image, with its result in words.
 
@@ -129,8 +123,6 @@ def explain(
     pose_doubt : str, optional
         Given if the pose of `camera` was estimated from the same files: why it is uncertain, or empty. It is the failed
         step if no lane is found.
-    markings : callable, optional
-        As for `lanes.find_lane`.
 
     Raises
     ------
@@ -141,7 +133,7 @@ def explain(
     """
     image = camera.require_size(image)
     try:
-        detection = detection or detect_still(image, camera, markings=markings)
+        detection = detection or detect_still(image, camera)
     except CameraError as error:
         failed = Step("birdseye", "no road in the picture", str(error), _pose_advice(pose_doubt))
         return Explanation(image, camera, _up_to_failure([*_first_steps(image, camera, pose_doubt), failed]))

@@ -171,8 +171,7 @@ def estimate_pose(
         Part of each video, seconds since its first frame.
     progress : callable, optional
         Called with (images done, images in all).
-    markings : callable, optional
-        As for `lanes.find_lane`; called two or three times for each image.
+    markings : callable, optional, as for `lanes.find_lane`
 
     Raises
     ------
@@ -202,7 +201,7 @@ def estimate_pose(
         start = CameraPose(height_m or PRIOR_HEIGHT_M, direction[0][0], direction[1][0])
         if alone:
             log_std = PRIOR_HEIGHT_LOG_STD if height_m is None else 0.0
-            still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings=markings)
+            still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings)
             return _pose_from_still(still, log_std, direction)
         return _pose_from_lanes(resized, resized_camera.with_pose(start), lane_width_m, height_m, progress, markings)
 
@@ -282,8 +281,7 @@ def _pose_from_lanes(
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
     some = images[:: -(-len(images) // SEARCHED_IMAGES)]
     log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
-    found = (detect_with_own_pose(image, camera, log_std, markings=markings) for image in some)
-    shown = [_shown_by(still, lane_width_m) for still in found]
+    shown = [_shown_by(detect_with_own_pose(image, camera, log_std, markings), lane_width_m) for image in some]
     for last in (False, True):
         camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
         shown = []

@@ -9,6 +9,7 @@ different ones, the lane is doubtful.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -73,17 +74,15 @@ def find_lane(
         The camera that took it, with its pose.
     settings : DetectorSettings
     markings : callable, optional
-        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, also at a lower resolution,
-        in place of our own filters; `lanes.detect.markings.load_markings` reads one from an ONNX file.
+        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, at any resolution, which
+        takes the place of our own filters; see `lanes.detect.markings.load_markings`.
 
     Raises
     ------
     PictureError
         If the image is not RGB or not of the camera's size.
-    CameraError
-        If the camera has no pose, or sees no road.
-    LaneError
-        If `markings` returns no such mask.
+    CameraError, LaneError
+        If the camera has no pose, or sees no road; if `markings` returns no mask.
     """
     return detect_still(image, camera, settings, markings=markings).lane
 
@@ -99,7 +98,7 @@ def detect_still(
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)
     mask = find_mask(image, markings)
-    found = _search(mask.evidence(band) if mask else band, settings)
+    found = _search(mask.evidence(band, band) if mask else band, settings)
     if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
         return found
     closer = _search(look_closer(image, band, mask), settings)
@@ -107,7 +106,7 @@ def detect_still(
 
 
 def detect_with_own_pose(
-    image: np.ndarray, camera: Camera, height_log_std: float, *, markings: Markings | None = None
+    image: np.ndarray, camera: Camera, height_log_std: float, markings: Markings | None = None
 ) -> StillDetection:
     """What is found in a single image whose camera pose was estimated from the same image.
 
@@ -119,9 +118,11 @@ def detect_with_own_pose(
     The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
     of the logarithm of its height. Errors are those of `find_lane`.
     """
-    # one mask for all poses
     mask = find_mask(camera.require_size(image), markings)
-    tried = list(_try_poses(image, mask, camera, height_log_std))
+    tried = []
+    for posed, log_prior in _poses_to_try(camera, height_log_std):
+        with suppress(CameraError):
+            tried.append((_search_closely(image, mask, posed), log_prior))
     shown = [(d, d.lane, log_prior + log_odds(d.lane)) for d, log_prior in tried if d.lane is not None]
     if not shown:
         return tried[0][0] if tried else _search_closely(image, mask, camera)
@@ -137,19 +138,13 @@ def detect_with_own_pose(
     return replace(detections[best], lane=replace(lanes[best], same_lane_share=share))
 
 
-def _try_poses(
-    image: np.ndarray, mask: Mask | None, camera: Camera, height_log_std: float
-) -> Iterator[tuple[StillDetection, float]]:
-    """What each pose of `TRIED_STEPS` shows, and the logarithm of the pose's probability; none that sees no road."""
+def _poses_to_try(camera: Camera, height_log_std: float) -> Iterator[tuple[Camera, float]]:
+    """The camera with each pose of `TRIED_STEPS`, and the logarithm of the pose's probability."""
     estimate = camera.require_pose()
     for height_step, pitch_step_deg in TRIED_STEPS:
         height_m = float(np.clip(estimate.height_m * np.exp(height_step * height_log_std), *HEIGHT_RANGE_M))
         pose = replace(estimate, height_m=height_m, pitch_rad=estimate.pitch_rad + np.radians(pitch_step_deg))
-        try:
-            detection = _search_closely(image, mask, camera.with_pose(pose))
-        except CameraError:
-            continue
-        yield detection, -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
+        yield camera.with_pose(pose), -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
 
 
 def _search_closely(image: np.ndarray, mask: Mask | None, camera: Camera) -> StillDetection:

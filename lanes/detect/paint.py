@@ -110,10 +110,7 @@ class Stripes:
 
 @dataclass(frozen=True, eq=False)
 class FrameEvidence:
-    """What one image shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view.
-
-    `confidence_shift` is that of the lanes found in it.
-    """
+    """What one image shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
 
     view: BirdsEyeView
     view_image: np.ndarray

@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
-
-
 # Above the speed of any car on a road.
 MAX_SPEED_MPS = 120.0
 
@@ -126,8 +124,7 @@ class LaneTracker:
         Looks for the lane and the camera pose in one image; for a camera whose pose is doubtful or changes. While no
         lane is likely it is called twice a second, and the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
-    markings : callable, optional
-        As for `find_lane`; called for every image.
+    markings : callable, optional, as for `lanes.find_lane`
 
     Attributes
     ----------
@@ -247,7 +244,7 @@ class LaneTracker:
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
         band = extract_evidence(view.warp(image), view, s.detector.paint)
         mask = find_mask(image, self.markings)
-        evidence = mask.evidence(band) if mask else band
+        evidence = mask.evidence(band, band) if mask else band
         evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
@@ -262,15 +259,13 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._since_search_s = 0.0
-            self._compare(self._look_closer(image, band, mask, challenger))
+            self._compare(self._look_again(image, band, mask, challenger))
         self._since_network_s += elapsed_s
         self._since_pose_s += elapsed_s
         self._try_other_pose(image)
         return self._lane
 
-    def _look_closer(
-        self, image: np.ndarray, band: FrameEvidence, mask: Mask | None, found: Lane | None
-    ) -> Lane | None:
+    def _look_again(self, image: np.ndarray, band: FrameEvidence, mask: Mask | None, found: Lane | None) -> Lane | None:
         """The lane found by a search, or the more probable one that the network shows while no lane is confirmed."""
         sure = (found is not None and found.confidence >= SURE_CONFIDENCE) or (mask and not mask.with_own)
         if self._state == TRACKING or sure or self._since_network_s < self.settings.network_period_s:
