@@ -44,7 +44,7 @@ class Mask:
         strength = np.maximum(strength, self.with_own * own.response.strength)
         response = replace(band.response, strength=strength, learned=True)
         stripes, band_strength = place(find_stripes(response, view), band.response.strength, view)
-        cell_px = max(view.camera.width / self.probability.shape[1], 1)
+        cell_px = 1 if self.with_own else max(view.camera.width / self.probability.shape[1], 1)
         std_m = np.where(band_strength > PAINT.half_weight_strength, 1, cell_px) * stripes.std_m
         stripes = replace(stripes, std_m=std_m, measurable=band_strength > PAINT.min_strength)
         stripes = stripes.joined(own.stripes.select(own.stripes.edge))

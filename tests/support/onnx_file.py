@@ -12,9 +12,9 @@ import numpy as np
 import yaml
 
 FLOAT = 1
-# Logits of paint: white paint on a road of these grey levels, from an input of 0 to 1.
+# Grey levels of road and paint in an input of 0 to 1, and the difference of their logits.
 ROAD, PAINT = 98 / 255, 215 / 255
-STEEPNESS = 60.0
+STEEPNESS = 14.0
 
 
 def write_model(
@@ -49,12 +49,17 @@ def write_model(
     return file
 
 
-def threshold(*colours: float, kernel: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """A channel of logits that are positive for paint, weighting red, green and blue; and one of background, first."""
-    mean = np.array(colours or (1 / 3, 1 / 3, 1 / 3))
+def threshold(
+    *colours: float, kernel: int = 1, road: float = ROAD, paint: float = PAINT
+) -> tuple[np.ndarray, np.ndarray]:
+    """Two channels of logits: 0 for the background, and positive for paint, which is the second one.
+
+    `colours` are the weights of red, green and blue, by default their mean; `road` and `paint` the weighted sums of
+    road and paint in the input.
+    """
     weights = np.zeros((2, 3, kernel, kernel), np.float32)
-    weights[1] = STEEPNESS * mean[:, None, None] / kernel**2
-    return weights, np.array([0, -STEEPNESS * (ROAD + PAINT) / 2], np.float32)
+    weights[1] = STEEPNESS / (paint - road) / kernel**2 * np.array(colours or (1 / 3, 1 / 3, 1 / 3))[:, None, None]
+    return weights, np.array([0, -STEEPNESS * (paint + road) / 2 / (paint - road)], np.float32)
 
 
 def _field(number: int, content: int | bytes | str) -> bytes:
