@@ -97,7 +97,7 @@ def detect_still(
     """
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)
-    mask = find_mask(image, markings)
+    mask = find_mask(camera.require_size(image), markings)
     found = _search(mask.evidence(band, band) if mask else band, settings)
     if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
         return found

@@ -52,29 +52,27 @@ class Mask:
 
 
 def thin(probability: np.ndarray, view: BirdsEyeView) -> np.ndarray:
-    """Strengths (rows, columns) float32 within three columns at the centres of stripes in a mask of a view, else 0."""
+    """Strengths (rows, columns) float32: parabolas, three columns wide, at the centres of stripes in a view's mask."""
     reach = round(REACH_M / view.cell_m)
     kernels = np.ones(2 * reach + 1), np.arange(-reach, reach + 1.0)
     mass, moment = (cv2.sepFilter2D(probability, -1, k, np.ones(1), borderType=cv2.BORDER_REPLICATE) for k in kernels)
     columns = moment / np.maximum(mass, 1e-6)
     top = np.minimum(cv2.dilate(probability, np.ones((1, 2 * reach + 1))), MAX_PROBABILITY)
     is_line = (probability > CENTRE_SHARE * top) & (mass < AREA_SHARE * top * (2 * reach + 1))
-    # a parabola, of which `peak_position` finds the vertex
     strength = PAINT.half_weight_strength * np.sqrt(top / (1 - top)) * (1 - (columns / 3) ** 2)
     return np.where(is_line & (np.abs(columns) <= 1.5) & view.seen, strength, np.float32(0))
 
 
 def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
-    """The mask that a function finds in an image; None without a function. Raises LaneError if it is no mask.
+    """The mask that a function finds, and its attributes `with_own` and `confidence_shift`, if any; None without one.
 
-    If the function has the attributes `with_own` (its stripes join ours) and `confidence_shift`, they are used.
+    Raises LaneError if it is no mask.
     """
     if not markings:
         return None
     mask, name = np.asarray(markings(image), np.float32), getattr(markings, "__name__", markings)
     low, high = (mask.min(), mask.max()) if mask.size else (np.nan, np.nan)
-    # also false for NaN
-    if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):
+    if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):  # also for NaN
         found = f"an array of shape {mask.shape} with values from {low:g} to {high:g}"
         raise LaneError(f"{name}: returned {found}; a mask has shape (rows, columns) and probabilities, 0 to 1.")
     with_own, shift = getattr(markings, "with_own", False), getattr(markings, "confidence_shift", 0.0)

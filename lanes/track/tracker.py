@@ -243,7 +243,7 @@ class LaneTracker:
         search = self._search_is_due()
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
         band = extract_evidence(view.warp(image), view, s.detector.paint)
-        mask = find_mask(image, self.markings)
+        mask = find_mask(view.camera.require_size(image), self.markings)
         evidence = mask.evidence(band, band) if mask else band
         evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
         self.evidence = evidence
