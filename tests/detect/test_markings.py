@@ -336,6 +336,20 @@ class TestDrive:
         prints = [fingerprint(hidden / "drive.mp4", replace(settings, markings=m))["settings"] for m in (None, model)]
         assert prints[0]["markings"] == "None" and model.digest in prints[1]["markings"]
 
+    def test_labelled_stills_are_scored_with_them(self, hidden, tmp_path, capsys):
+        options = "--camera", hidden / "drive.yaml", "--markings", hidden / "pink.onnx"
+        write_image(tmp_path / "a.png", HIDDEN.frame(0.0))
+        rows = "--rows", "200:350:10", "-o", tmp_path / "labels.jsonl"
+        assert main(["detect", *map(str, (tmp_path / "a.png", *options, *rows))]) == 0
+        (tmp_path / "labels.jsonl").write_text(
+            read_text(tmp_path / "labels.jsonl", "labels").replace(f"{tmp_path}/", "")
+        )
+        labels = "--labels", tmp_path / "labels.jsonl", "--system", "tracker"
+        for more, matched in ((options, "1.000"), (options[:2], "0.000")):
+            assert main(["benchmark", *map(str, (*labels, *more))]) == 0
+            (line,) = (line for line in capsys.readouterr().out.splitlines() if line.startswith("tracker"))
+            assert matched in line.split()
+
     def test_a_wrong_file_is_an_error_with_exit_status_2(self, hidden, tmp_path, capsys):
         assert main(["annotate", str(hidden / "stills"), "--markings", "nothing.onnx", "-o", str(tmp_path)]) == 2
         assert "nothing.onnx: there is no such ONNX file" in capsys.readouterr().err
