@@ -292,6 +292,7 @@ class TestDrive:
             assert lane.offset_m == pytest.approx(true_offset_m(frame / 25), abs=0.05)
         assert lane.state == "tracking" and lane.confidence > 0.9 and lane.width_m == pytest.approx(3.6, abs=0.05)
 
+    @pytest.mark.slow
     def test_the_camera_pose_is_estimated_with_them(self, hidden):
         images = [HIDDEN.frame(time_s) for time_s in (0.0, 3.0, 6.0)]
         model, lens = load_markings(hidden / "pink.onnx"), replace(SMALL, pose=None)
@@ -310,6 +311,7 @@ class TestDrive:
             assert telemetry["offset_m"][-1] == pytest.approx(true_offset_m(last), abs=0.06)
         assert f"{hidden}/pink.onnx" in read_text(tmp_path / "drive.html", "report")
 
+    @pytest.mark.slow
     def test_lines_are_detected_and_explained(self, hidden, tmp_path, capsys):
         options = "--camera", hidden / "drive.yaml", "--markings", f"{hidden}/pink.onnx,own"
         still = hidden / "stills" / "a.png"
