@@ -6,6 +6,7 @@ Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finish
 interrupted run continues where it stopped.
 --speed measures times instead (some minutes).
 --labels scores the systems, or a file of predictions, on hand-labelled stills instead.
+--markings scores tracker and detector with the markings of a network (docs/own_network.md).
 --seed scores another variant of each scene: the systems were tuned on number 0.
 """
 
@@ -18,6 +19,7 @@ from typing import TYPE_CHECKING
 
 from lanes.cli import add_lens, find_lens
 from lanes.console import bounded, progress_line, run_command, run_program
+from lanes.detect.markings import load_markings
 
 if TYPE_CHECKING:
     from benchmark.labels.tusimple import LaneColumns
@@ -29,6 +31,7 @@ EXAMPLES = """\
   {program} --system tracker,best_channel my_drive.mp4
   {program} --system my_finder.py:my_finder,tracker --workers 2 -o results
   {program} --system tracker,detector --seed 7 -o held_out
+  {program} --system tracker --markings model.onnx motorway
   {program} --speed
   {program} --labels stills/labels.jsonl --camera camera.yaml
   {program} --labels world/labels.jsonl --hfov 60 --each-folder
@@ -118,6 +121,7 @@ def run(options: argparse.Namespace) -> int:
             options.system or SYSTEMS,
             workers=options.workers,
             estimated_pose=options.estimated_pose,
+            markings=options.markings and load_markings(options.markings),
             progress=progress_line,
         )
         _report(results, options.output)
@@ -148,9 +152,11 @@ def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namesp
     from benchmark.systems import STILL_SYSTEMS
 
     systems, scored = options.system or STILL_SYSTEMS, []
+    markings = options.markings and load_markings(options.markings)
     for name, some in (stills.split_folders(labels) if options.each_folder else {"": labels}).items():
         options.files = [options.labels.parent / label.name for label in some]
-        folder = stills.score_folder(some, options.files, find_lens(options), systems, progress_line)
+        lens = find_lens(options)
+        folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=markings)
         scored.append(folder)
         checks = stills.summarize_checks(folder.checks)
         print(f"{name}: {len(some)} stills; {checks}" if name else folder.describe_pose())

@@ -16,6 +16,7 @@ from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import require_system, start_system
 from lanes.camera import Camera, load_camera
+from lanes.detect.markings import Markings
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
 from lanes.track.tracker import TrackerSettings
@@ -24,20 +25,26 @@ from lanes.video.reader import inspect_video, read_timed_frames
 
 @dataclass(frozen=True)
 class PreparedDrive:
-    """A drive with a video, and the camera for the systems with the pose, and where this is from."""
+    """A drive with a video, and the camera for the systems with the pose, and where this is from.
+
+    `markings` are those of the tracker and the detector, see `lanes.find_lane`; None: our own.
+    """
 
     drive: BenchmarkDrive
     camera: Camera
     pose: str
+    markings: Markings | None = None
 
 
-def prepare_drive(drive: BenchmarkDrive, *, estimated_pose: bool = False) -> PreparedDrive:
+def prepare_drive(
+    drive: BenchmarkDrive, *, estimated_pose: bool = False, markings: Markings | None = None
+) -> PreparedDrive:
     """Load the camera of a drive with its true pose, or estimate the pose from the video."""
     video = drive.require_video()
     camera = load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
-        return PreparedDrive(drive, camera, "true")
-    return PreparedDrive(drive, estimate_pose(video, camera).camera, "estimated")
+        return PreparedDrive(drive, camera, "true", markings)
+    return PreparedDrive(drive, estimate_pose(video, camera, markings=markings).camera, "estimated", markings)
 
 
 def run_system(
@@ -53,7 +60,8 @@ def run_system(
     `settings` are those of the tracker.
     """
     video = prepared.drive.require_video()
-    find, to_estimate = start_system(system, prepared.camera, inspect_video(video).fps / every, settings=settings)
+    fps = inspect_video(video).fps / every
+    find, to_estimate = start_system(system, prepared.camera, fps, settings=settings, markings=prepared.markings)
     estimates, time_ms, last = [], [], None
     for frame in islice(read_timed_frames(video, end_s=end_s), 0, None, every):
         start = time.perf_counter()

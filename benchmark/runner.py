@@ -10,6 +10,7 @@ import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from benchmark import estimates, evaluation, own_finder, systems
 from benchmark.consistency import normalize_errors
@@ -22,6 +23,7 @@ from benchmark.scores import Result
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict
+from lanes.detect.markings import Markings
 from lanes.video import container, reader
 from lanes.video.reader import inspect_video
 from simulator.disk_cache import cache_folder
@@ -36,13 +38,15 @@ def run_benchmark(
     *,
     workers: int = 1,
     estimated_pose: bool = False,
+    markings: Markings | None = None,
     folder: Path | None = None,
     progress: Callable[[str], Progress] | None = None,
 ) -> list[Result]:
     """Results in the order of `drives`, then of `systems` (names in `systems.SYSTEMS`).
 
     `workers` processes run, with one OpenCV thread each. With `estimated_pose` the systems get the pose that is
-    estimated from the video instead of the true one; the lens is always the true one. Finished estimates are cached in
+    estimated from the video instead of the true one; the lens is always the true one. `markings` are those of tracker
+    and detector (`lanes.detect.markings.MarkingModel`; None: our own). Finished estimates are cached in
     `folder` (default: a folder in the project's cache); an entry is used again while video, camera, machine and the
     sources of the system are unchanged. `progress`, called with the name of a part of the work, returns its callback
     (done, total). Raises ValueError if a system is unknown, or a video and its truth do not belong together.
@@ -51,7 +55,7 @@ def run_benchmark(
         require_system(system)
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
-    prepare = partial(_render_and_prepare, estimated_pose=estimated_pose)
+    prepare = partial(_render_and_prepare, estimated_pose=estimated_pose, markings=markings)
     prepared = run_all(prepare, drives, workers=workers, progress=report("scenes"))
     tasks = [(drive, system) for drive in prepared for system in systems]
     estimate = partial(_estimate, folder=folder, workers=workers)
@@ -70,9 +74,9 @@ def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers
     return path
 
 
-def _render_and_prepare(drive: BenchmarkDrive, *, estimated_pose: bool) -> PreparedDrive:
+def _render_and_prepare(drive: BenchmarkDrive, **options: Any) -> PreparedDrive:
     # One process renders a scene: the scenes are already spread over the workers.
-    return prepare_drive(ensure_video(drive, workers=1), estimated_pose=estimated_pose)
+    return prepare_drive(ensure_video(drive, workers=1), **options)
 
 
 def _estimate(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) -> Path:
@@ -95,7 +99,7 @@ def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Twelve digits that depend on everything that the estimates depend on."""
     digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
     camera = camera_to_dict(prepared.camera)
-    digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera}".encode())
+    digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera} {prepared.markings!r}".encode())
     modules = (estimates, evaluation, own_finder, systems, frames, container, reader)
     for source in (*(Path(inspect.getfile(module)) for module in modules), *source_files(system)):
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:

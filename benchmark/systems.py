@@ -24,6 +24,7 @@ from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
+from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackerSettings
@@ -48,14 +49,20 @@ def source_files(system: str) -> tuple[Path, ...]:
 
 
 def start_system(
-    system: str | OwnFinder, camera: Camera, fps: float, *, settings: TrackerSettings | None = None
+    system: str | OwnFinder,
+    camera: Camera,
+    fps: float,
+    *,
+    settings: TrackerSettings | None = None,
+    markings: Markings | None = None,
 ) -> tuple[Callable, Callable[..., LaneEstimate]]:
     """Start a system on a drive: a function of the next frame, and of the seconds since the one before if they are not
     1 / fps, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
     system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
-    `settings` are those of the tracker. Raises ValueError if the system is unknown.
+    `settings` are those of the tracker, `markings` those of tracker and detector (`lanes.find_lane`). Raises ValueError
+    if the system is unknown.
     """
     if callable(system):
         return lambda image, _=None: system(image, camera), estimate_from_lines
@@ -63,19 +70,22 @@ def start_system(
         return start_system(load_finder(system), camera, fps)
     require_system(system)
     if system == TRACKER:
-        tracker = LaneTracker(camera, fps=fps, settings=settings)
+        tracker = LaneTracker(camera, fps=fps, settings=settings, markings=markings)
         return lambda image, elapsed_s=None: tracker.update(image, elapsed_s=elapsed_s), lane_estimate
     if system == DETECTOR:
-        return lambda image, _=None: find_lane(image, camera), lane_estimate
+        return lambda image, _=None: find_lane(image, camera, markings=markings), lane_estimate
     finder = _start_recipe(system, camera)
     return lambda image, _=None: finder.follow(image), recipe_estimate
 
 
-def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def column_detector(
+    system: str, camera: Camera, *, markings: Markings | None = None
+) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
-    picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
+    picture, -2 where a line does not pass, as in TuSimple's files. `markings` are those of tracker and detector. Raises
+    ValueError if the system is unknown.
     """
     if is_own_finder(system):
         find = load_finder(system)
@@ -84,7 +94,7 @@ def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.nda
     if system in (TRACKER, DETECTOR):
 
         def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            lane = find_lane(image, camera)
+            lane = find_lane(image, camera, markings=markings)
             return np.full((2, len(rows)), -2.0) if lane is None else lane.columns(camera, rows)
 
         return detect

@@ -29,7 +29,7 @@ ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "book" / "_build"
 SOURCE, STATIC, EXTRA, SITE = (BUILD / name for name in ("source", "static", "extra", "html"))
 # Pages of the sections, in the order of the navigation.
-GUIDES = ("own_camera", "when_it_fails", "many_drives", "own_loop", "own_finder")
+GUIDES = ("own_camera", "when_it_fails", "many_drives", "own_loop", "own_network", "own_finder")
 QUALITY = ("benchmark/README", "cameras", "robustness", "ablation", "testing")
 REFERENCE = ("docs/how_it_works", "api/index", "docs/glossary", "docs/conventions", "docs/references")
 DEVELOPMENT = ("CONTRIBUTING", "CHANGELOG", "docs/release")

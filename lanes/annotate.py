@@ -20,6 +20,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import LOST, Lane, telemetry_row
+from lanes.detect.markings import Markings
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
@@ -57,6 +58,7 @@ class DriveSettings:
     report: bool = True
     progress: bool = True
     topic: str | None = None
+    markings: Markings | None = None
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with upright images of `size` (width, height).
@@ -133,6 +135,7 @@ def annotate(
         Show a progress bar, as is the default, if stderr is a terminal or a notebook.
     topic : str
         Topic of the images in robot logs; by default the only one. See `lanes.lane_messages` for their output.
+    markings : callable, as for `lanes.find_lane`
 
     Raises
     ------
@@ -181,6 +184,7 @@ def track(
     end_s: float | None = None,
     progress: bool = False,
     info: VideoInfo | None = None,
+    markings: Markings | None = None,
 ) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Track the lane through a video; yields each frame with its lane, None where it is lost.
 
@@ -197,6 +201,7 @@ def track(
         Speed of the car; estimated if not given.
     start_s, end_s, progress, info
         As for `process_video`.
+    markings : callable, optional, as for `lanes.find_lane`
 
     Raises
     ------
@@ -207,7 +212,7 @@ def track(
     size = info.width, info.height
     if camera.size != size:
         raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
-    tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps)
+    tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps, markings=markings)
     yield from track_video(path, tracker, info, start_s=start_s, end_s=end_s, progress=progress)
 
 
@@ -247,21 +252,22 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
     options: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "topic": settings.topic}
     images = sample_images([video], POSE_PICTURES, require=camera.require_size, infos={video: info}, **options)
     try:
-        return info, *ensure_pose(camera, images)
+        return info, *ensure_pose(camera, images, markings=settings.markings)
     except PoseError as error:
         raise PoseError(f"{video}: {error}") from error
 
 
-def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None) -> LaneTracker:
+def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings: Markings | None) -> LaneTracker:
     """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` is doubtful."""
     doubtful = pose is not None and pose.lane_width_m is None
-    return LaneTracker(camera, fps=fps, find_pose=partial(_find_pose, camera=camera) if doubtful else None)
+    find_pose = partial(_find_pose, camera=camera, markings=markings) if doubtful else None
+    return LaneTracker(camera, fps=fps, find_pose=find_pose, markings=markings)
 
 
-def _find_pose(image: np.ndarray, camera: Camera) -> StillDetection | None:
+def _find_pose(image: np.ndarray, camera: Camera, markings: Markings | None) -> StillDetection | None:
     """The lane and the pose in one image, None if the pose sees no road; the pose of `camera` is ignored."""
     try:
-        return estimate_pose(image, camera).still
+        return estimate_pose(image, camera, markings=markings).still
     except CameraError:
         return None
 
@@ -277,7 +283,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     with exclusive_writer(target):
         began_s = time.perf_counter()
-        tracker, path = make_tracker(info.fps, camera, pose), target.with_suffix(".csv")
+        tracker, path = make_tracker(info.fps, camera, pose, settings.markings), target.with_suffix(".csv")
         log = index_log(video, info.topic) if info.topic else None
         writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
         function = track_lane(tracker, style=settings.style)
@@ -328,6 +334,7 @@ def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settin
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
         "style": settings.style,
+        "markings": str(settings.markings or "own"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
     }
 
@@ -425,17 +432,19 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
     alone = len(sizes) == 1
     began_s = time.perf_counter()
     try:
-        camera, pose = ensure_pose(settings.camera_for((width, height), usable[0]), image if alone else usable)
+        camera = settings.camera_for((width, height), usable[0])
+        camera, pose = ensure_pose(camera, image if alone else usable, markings=settings.markings)
     except PoseError as error:
         raise PoseError(f"{usable[0]}: {error}") from error
     for path in usable:
         if not alone:
             image, began_s = read_image(path), time.perf_counter()
         # The estimate of the pose from a single still has found the lane already.
-        detection, of_still = pose.still if pose and pose.still else detect_still(image, camera), pose
+        of_still, found = pose, pose and pose.still
+        detection = found or detect_still(image, camera, markings=settings.markings)
         if pose and not alone and (pose.lane_width_m is None or detection.confidence < LIKELY_CONFIDENCE):
             # The pose of the others may not be that of this still.
-            own = estimate_pose(image, settings.camera_for((width, height), path))
+            own = estimate_pose(image, settings.camera_for((width, height), path), markings=settings.markings)
             if own.still and own.still.confidence > detection.confidence:
                 detection, of_still = own.still, own
         yield StillResult(path, image, detection, of_still, 1e3 * (time.perf_counter() - began_s))

@@ -28,6 +28,7 @@ from lanes.calibration import (
 )
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
+from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import LaneError, PictureError
@@ -38,7 +39,7 @@ from lanes.images import kind_of_file, read_image, write_image
 from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
 from lanes.sources import Sources, find_sources, sample_images
-from lanes.stills import HEIGHT_RANGE_M
+from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import progress_bar, read_ahead
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 
@@ -118,6 +119,7 @@ class Pose:
             end_s=options.end_s,
             topic=options.topic,
             progress=progress_line("pose"),
+            markings=options.markings and load_markings(options.markings),
         )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -273,17 +275,20 @@ class Explain:
             raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
         if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
             raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
-        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic}
-        camera, estimate = ensure_pose(find_lens(options), options.files, **part, progress=progress_line("pose"))
+        markings = options.markings and load_markings(options.markings)
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic, "markings": markings}
+        camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"), **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
             still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
         if info:
-            frames, tracker = read_to_time(file, info, start_s, at_s), make_tracker(info.fps, camera, estimate)
-            explanation = explain_tracked(frames, tracker, pose_doubt=pose_doubt)
+            tracker = make_tracker(info.fps, camera, estimate, markings)
+            explanation = explain_tracked(read_to_time(file, info, start_s, at_s), tracker, pose_doubt=pose_doubt)
         else:
-            explanation = explain(read_image(file), camera, detection=still, pose_doubt=pose_doubt)
+            image = read_image(file)
+            still = still or (detect_still(image, camera, markings=markings) if markings else None)
+            explanation = explain(image, camera, detection=still, pose_doubt=pose_doubt)
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")
@@ -357,7 +362,7 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for the lens: one of --camera, --hfov, --boards, or none; see `find_lens`. Also --topic."""
+    """Add the options for lens (--camera, --hfov, --boards, or none), --topic, --markings, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
@@ -368,6 +373,8 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
     parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
+    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
+    parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -424,6 +431,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
+    more["markings"] = options.markings and load_markings(options.markings)
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
 
 

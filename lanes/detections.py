@@ -38,7 +38,7 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
         print(pose.describe())
     if info.note:
         print(f"{video}: {info.note}")
-    tracker = make_tracker(info.fps, camera, pose)
+    tracker = make_tracker(info.fps, camera, pose, settings.markings)
     for frame, lane in track_video(video, tracker, info, progress=settings.progress):
         names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
         yield names | as_detection(lane, tracker.camera, rows, frame.latency_ms)
@@ -48,12 +48,13 @@ def detect_in_sequence(
     stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float
 ) -> Iterator[dict]:
     """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
-    camera, pose = ensure_pose(settings.camera_for(read_image(stills[0]).shape[1::-1], stills[0]), stills)
+    camera = settings.camera_for(read_image(stills[0]).shape[1::-1], stills[0])
+    camera, pose = ensure_pose(camera, stills, markings=settings.markings)
     if pose:
         print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)
     frames = (TimedFrame(number, number / fps, image, 1 / fps) for number, image in enumerate(images))
-    tracker = make_tracker(fps, camera, pose)
+    tracker = make_tracker(fps, camera, pose, settings.markings)
     for frame, lane in track_frames(frames, tracker):
         yield {"raw_file": str(stills[frame.number])} | as_detection(lane, tracker.camera, rows, frame.latency_ms)
 

@@ -146,7 +146,7 @@ def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:
     status = require_file(video, "video", error=VideoError).stat()
     used = {name: value for name, value in vars(settings).items() if name not in ("output", "progress")}
     used["camera"] = settings.camera and camera_to_dict(settings.camera)
-    used["field"] = settings.field and asdict(settings.field)
+    used |= {"field": settings.field and asdict(settings.field), "markings": repr(settings.markings)}
     found = {"source": str(video), "size_bytes": status.st_size, "mtime_ns": status.st_mtime_ns}
     # To and from JSON, as a manifest, because JSON turns tuples into lists.
     return json.loads(json.dumps(found | {"settings": used, "versions": all_versions()}))

@@ -23,6 +23,7 @@ import numpy as np
 from lanes.camera import Camera, CameraPose
 from lanes.describe import html_table
 from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT
 from lanes.errors import PoseError
 from lanes.sources import find_sources, sample_images
@@ -146,6 +147,7 @@ def estimate_pose(
     end_s: float | None = None,
     topic: str | None = None,
     progress: Progress | None = None,
+    markings: Markings | None = None,
 ) -> PoseEstimate:
     """Height, pitch, yaw and roll of a camera, estimated from images of one drive.
 
@@ -169,6 +171,7 @@ def estimate_pose(
         Part of each video, seconds since its first frame; topic of the images in robot logs, by default the only one.
     progress : callable, optional
         Called with (images done, images in all).
+    markings : callable, optional, as for `lanes.find_lane`
 
     Raises
     ------
@@ -198,8 +201,10 @@ def estimate_pose(
     def estimate_from(direction: Direction) -> PoseEstimate:
         start = CameraPose(height_m or PRIOR_HEIGHT_M, direction[0][0], direction[1][0])
         if alone:
-            return _pose_from_still(first[0], camera.with_pose(start), direction, fixed_height=height_m is not None)
-        return _pose_from_lanes(resized, resized_camera.with_pose(start), lane_width_m, height_m, progress)
+            log_std = PRIOR_HEIGHT_LOG_STD if height_m is None else 0.0
+            still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings)
+            return _pose_from_still(still, log_std, direction)
+        return _pose_from_lanes(resized, resized_camera.with_pose(start), lane_width_m, height_m, progress, markings)
 
     estimate = estimate_from(edges)
     if 2 * estimate.frames_used < estimate.frames_total:
@@ -208,10 +213,8 @@ def estimate_pose(
     return estimate if alone else replace(estimate, camera=camera.with_pose(estimate.pose))
 
 
-def _pose_from_still(image: np.ndarray, camera: Camera, direction: Direction, *, fixed_height: bool) -> PoseEstimate:
-    """The pose of the most probable lane in a single image; `direction` is that of the pose of `camera`."""
-    log_std = 0.0 if fixed_height else PRIOR_HEIGHT_LOG_STD
-    still = detect_with_own_pose(image, camera, log_std)
+def _pose_from_still(still: StillDetection, log_std: float, direction: Direction) -> PoseEstimate:
+    """The pose of the most probable lane in a single image, which was searched from poses near a `direction`."""
     return PoseEstimate(
         camera=still.camera,
         height_std_m=log_std * still.camera.require_pose().height_m,
@@ -275,16 +278,22 @@ CONFIDENCE, LOG_HEIGHT, PITCH_RAD, YAW_RAD, ROLL_RAD, EDGE = range(6)
 
 
 def _pose_from_lanes(
-    images: list[np.ndarray], camera: Camera, lane_width_m: float, height_m: float | None, progress: Progress | None
+    images: list[np.ndarray],
+    camera: Camera,
+    lane_width_m: float,
+    height_m: float | None,
+    progress: Progress | None,
+    markings: Markings | None,
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
     log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
-    shown = [_shown_by(detect_with_own_pose(image, camera, log_std), lane_width_m) for image in _first_images(images)]
+    first = _first_images(images)
+    shown = [_shown_by(detect_with_own_pose(image, camera, log_std, markings), lane_width_m) for image in first]
     for last in (False, True):
         camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
         shown = []
         for done, image in enumerate(images, 1):
-            shown.append(_shown_by(detect_still(image, camera), lane_width_m))
+            shown.append(_shown_by(detect_still(image, camera, markings=markings), lane_width_m))
             if last and progress:
                 progress(done, len(images))
     return _summarise(np.array(shown), camera, lane_width_m, height_m)

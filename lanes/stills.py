@@ -9,6 +9,7 @@ different ones, the lane is doubtful.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -18,7 +19,7 @@ from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
 from lanes.detect.lane import Lane
-from lanes.detect.network import learned_evidence
+from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.search import DETECTOR, DetectorSettings, Search, more_probable, search_lane
 from lanes.errors import CameraError
@@ -58,7 +59,9 @@ class StillDetection:
         return self.lane.confidence if self.lane else 0.0
 
 
-def find_lane(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> Lane | None:
+def find_lane(
+    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
     >>> lane = lanes.find_lane(image, camera)  # doctest: +SKIP
@@ -70,32 +73,41 @@ def find_lane(image: np.ndarray, camera: Camera, settings: DetectorSettings = DE
     camera : Camera
         The camera that took it, with its pose.
     settings : DetectorSettings
+    markings : callable, optional
+        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, at any resolution, which
+        takes the place of our own filters; see `lanes.detect.markings.load_markings`.
 
     Raises
     ------
     PictureError
         If the image is not RGB or not of the camera's size.
-    CameraError
-        If the camera has no pose, or sees no road.
+    CameraError, LaneError
+        If the camera has no pose, or sees no road; if `markings` returns no mask.
     """
-    return detect_still(image, camera, settings).lane
+    return detect_still(image, camera, settings, markings=markings).lane
 
 
-def detect_still(image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR) -> StillDetection:
+def detect_still(
+    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
     The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
-    is clearly more probable, or if the band filter finds none.
+    is clearly more probable, or if the band filter finds none. Stripes of a mask replace or join them.
     """
     view = _view_of(camera)
-    band = _search(extract_evidence(view.warp(image), view, settings.paint), settings)
-    if band.lane is not None and band.lane.confidence >= SURE_CONFIDENCE:
-        return band
-    learned = _search(learned_evidence(image, band.evidence), settings)
-    return learned if more_probable(band.lane, learned.lane) is learned.lane else band
+    band = extract_evidence(view.warp(image), view, settings.paint)
+    mask = find_mask(camera.require_size(image), markings)
+    found = _search(mask.evidence(band, band) if mask else band, settings)
+    if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
+        return found
+    closer = _search(look_closer(image, band, mask), settings)
+    return closer if more_probable(found.lane, closer.lane) is closer.lane else found
 
 
-def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: float) -> StillDetection:
+def detect_with_own_pose(
+    image: np.ndarray, camera: Camera, height_log_std: float, markings: Markings | None = None
+) -> StillDetection:
     """What is found in a single image whose camera pose was estimated from the same image.
 
     Of the poses near the estimate, that with the most probable lane is taken. A pose has the probability of its
@@ -106,10 +118,14 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
     of the logarithm of its height. Errors are those of `find_lane`.
     """
-    tried = list(_try_poses(image, camera, height_log_std))
+    mask = find_mask(camera.require_size(image), markings)
+    tried = []
+    for posed, log_prior in _poses_to_try(camera, height_log_std):
+        with suppress(CameraError):
+            tried.append((_search_closely(image, mask, posed), log_prior))
     shown = [(d, d.lane, log_prior + log_odds(d.lane)) for d, log_prior in tried if d.lane is not None]
     if not shown:
-        return tried[0][0] if tried else _search_with_network(image, camera)
+        return tried[0][0] if tried else _search_closely(image, mask, camera)
     detections, lanes, log_posterior = zip(*shown, strict=True)
     probability = np.exp(np.array(log_posterior) - max(log_posterior))
     # from the road 60 m ahead down to the lower border of the image
@@ -122,23 +138,19 @@ def detect_with_own_pose(image: np.ndarray, camera: Camera, height_log_std: floa
     return replace(detections[best], lane=replace(lanes[best], same_lane_share=share))
 
 
-def _try_poses(image: np.ndarray, camera: Camera, height_log_std: float) -> Iterator[tuple[StillDetection, float]]:
-    """What each pose of `TRIED_STEPS` shows, and the logarithm of the pose's probability; none that sees no road."""
+def _poses_to_try(camera: Camera, height_log_std: float) -> Iterator[tuple[Camera, float]]:
+    """The camera with each pose of `TRIED_STEPS`, and the logarithm of the pose's probability."""
     estimate = camera.require_pose()
     for height_step, pitch_step_deg in TRIED_STEPS:
         height_m = float(np.clip(estimate.height_m * np.exp(height_step * height_log_std), *HEIGHT_RANGE_M))
         pose = replace(estimate, height_m=height_m, pitch_rad=estimate.pitch_rad + np.radians(pitch_step_deg))
-        try:
-            detection = _search_with_network(image, camera.with_pose(pose))
-        except CameraError:
-            continue
-        yield detection, -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
+        yield camera.with_pose(pose), -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
 
 
-def _search_with_network(image: np.ndarray, camera: Camera) -> StillDetection:
-    """What the network finds; its lane has all poses on its side until they are compared."""
+def _search_closely(image: np.ndarray, mask: Mask | None, camera: Camera) -> StillDetection:
+    """What `look_closer` shows; the lane has all poses on its side until they are compared."""
     view = BirdsEyeView(camera, half_width_m=TRIED_HALF_WIDTH_M)
-    found = _search(learned_evidence(image, extract_evidence(view.warp(image), view)))
+    found = _search(look_closer(image, extract_evidence(view.warp(image), view), mask))
     return replace(found, lane=found.lane and replace(found.lane, same_lane_share=1.0))
 
 

@@ -24,7 +24,7 @@ class TestKnownPose:
     """The band filter finds the lane; where it is not sure, the network searches, too."""
 
     def test_a_clear_lane_is_found_without_the_network(self, monkeypatch):
-        monkeypatch.delattr(stills, "learned_evidence")
+        monkeypatch.delattr(stills, "look_closer")
         found = detect_still(CLEAR, DASHCAM)
         assert not found.evidence.response.learned and found.camera is DASHCAM
         np.testing.assert_array_equal(find_lane(CLEAR, DASHCAM).model, found.lane.model)

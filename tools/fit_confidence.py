@@ -2,6 +2,7 @@
 
     python -m tools.fit_confidence           fits; prints the weights and their calibration
     python -m tools.fit_confidence --check   prints the calibration of the present weights on other roads
+    python -m tools.fit_confidence --markings model.onnx   prints `confidence_shift` for the YAML file of a network
 
 The drives are painted roads, on which paint, light, motion and pose errors are random, and the scenes of the suite,
 which add what paint on a plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Missing ones
@@ -29,6 +30,7 @@ from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
 from lanes.detect.lane import Lane
+from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
 from lanes.video.reader import inspect_video, read_video
@@ -153,7 +155,13 @@ def wrong_pose(camera: Camera, seed: int) -> Camera:
 
 
 def samples_of_painted_drive(
-    seed: int, camera: Camera = CAMERA, *, seconds: float = SECONDS, fps: float = FPS, pose_is_wrong: bool = False
+    seed: int,
+    camera: Camera = CAMERA,
+    *,
+    seconds: float = SECONDS,
+    fps: float = FPS,
+    pose_is_wrong: bool = False,
+    markings: Markings | None = None,
 ) -> tuple[list, list]:
     """Samples of a painted drive with this seed, see `label_lanes`; those with a wrong pose have a smaller weight."""
     drive, camera = draw_drive(seed, camera)
@@ -161,22 +169,23 @@ def samples_of_painted_drive(
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
     camera, weight = (wrong_pose(camera, seed), WRONG_POSE_WEIGHT) if pose_is_wrong else (camera, 1.0)
-    return label_lanes(map(drive.frame, times), camera, truth, fps=fps, number=seed, weight=weight)
+    frames = map(drive.frame, times)
+    return label_lanes(frames, camera, truth, fps=fps, number=seed, weight=weight, markings=markings)
 
 
-def samples_of_no_road(kind: str, seed: int, number: int) -> tuple[list, list]:
+def samples_of_no_road(kind: str, seed: int, number: int, *, markings: Markings | None = None) -> tuple[list, list]:
     """Samples of a picture without a road, see `label_lanes`."""
     shapes = ((2, len(AHEAD_M)), (2,), (), (), (), ())
     truth = LaneTruth(*(np.full((NO_ROAD_FRAMES, *shape), np.nan) for shape in shapes))
-    return label_lanes([not_a_road(kind, seed)] * NO_ROAD_FRAMES, CAMERA, truth, fps=FPS, number=number)
+    frames = [not_a_road(kind, seed)] * NO_ROAD_FRAMES
+    return label_lanes(frames, CAMERA, truth, fps=FPS, number=number, markings=markings)
 
 
-def samples_of_video(drive: BenchmarkDrive, number: int) -> tuple[list, list]:
+def samples_of_video(drive: BenchmarkDrive, number: int, *, markings: Markings | None = None) -> tuple[list, list]:
     """Samples of a drive of the suite, see `label_lanes`."""
     camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
-    return label_lanes(
-        read_video(drive.video), camera, read_truth(drive), fps=fps, number=number, brightnesses=BRIGHTNESSES
-    )
+    truth, options = read_truth(drive), {"brightnesses": BRIGHTNESSES, "markings": markings}
+    return label_lanes(read_video(drive.video), camera, truth, fps=fps, number=number, **options)
 
 
 def samples_of_photos(seed: int) -> list[list[float]]:
@@ -211,16 +220,17 @@ def label_lanes(
     number: int,
     weight: float = 1.0,
     brightnesses: tuple[float, ...] = (1.0,),
+    markings: Markings | None = None,
 ) -> tuple[list, list]:
     """Samples (*features, correct, weight, `number`) of the lanes in the frames: tracked ones, and those in stills."""
-    tracker = LaneTracker(camera, fps=fps)
+    tracker = LaneTracker(camera, fps=fps, markings=markings)
     tracked: list[Lane | None] = []
     stills: dict[float, list[Lane | None]] = {brightness: [] for brightness in brightnesses}
     for frame, image in enumerate(frames):
         tracked.append(tracker.update(image))
         if frame % STILL_EVERY == 0:
             for brightness, lanes in stills.items():
-                lanes.append(find_lane(cv2.convertScaleAbs(image, alpha=brightness), camera))
+                lanes.append(find_lane(cv2.convertScaleAbs(image, alpha=brightness), camera, markings=markings))
     other = weight * OTHER_BRIGHTNESS_WEIGHT
     some = truth.select(slice(0, len(tracked), STILL_EVERY))
     samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]
@@ -251,6 +261,32 @@ def fit_logistic(
         gradient = features.T @ (sample_weight * (correct - probability)) - RIDGE * weights
         weights += np.linalg.solve(hessian, gradient)
     return weights
+
+
+def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> float:
+    """The number that, added to the log odds (lanes,), makes the mean probability the share of correct lanes.
+
+    Both are weighted; this is the logistic regression with one constant. Limited to 6 in either direction.
+    """
+    low, high = -6.0, 6.0
+    for _ in range(40):
+        shift = (low + high) / 2
+        excess = weight @ (logistic(log_odds + shift) - correct)
+        low, high = (low, shift) if excess > 0 else (shift, high)
+    return shift
+
+
+def print_shift(markings: Markings, data: list[tuple[list, list]]) -> None:
+    """Print the constant of a network's confidence, fitted on tracked lanes and on those in stills."""
+    rows = np.array([row for one in data for part in one for row in part], float).reshape(-1, len(WEIGHTS) + 3)
+    if not rows[:, -3].any():
+        raise SystemExit(f"{markings}: no lane found with this network is correct; check its YAML file.")
+    _, of, count = np.unique(rows[:, -1], return_inverse=True, return_counts=True)
+    log_odds, correct = rows[:, :-3] @ np.array([*WEIGHTS.values()]), rows[:, -3] > 0
+    shift = fit_shift(log_odds, correct, rows[:, -2] / count[of])
+    print_calibration(f"{markings}, without a shift", logistic(log_odds), correct, rows[:, -1])
+    print_calibration(f"{markings}, with the shift", logistic(log_odds + shift), correct, rows[:, -1])
+    print(f"confidence_shift: {shift:.2f}")
 
 
 def logistic(log_odds: np.ndarray) -> np.ndarray:
@@ -295,8 +331,13 @@ def main() -> None:
     """Collect samples, fit, print the calibration."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
+    parser.add_argument("--markings", metavar="MODEL.onnx", help="fit the constant of the lanes of this network")
     options = parser.parse_args()
     cv2.setNumThreads(1)
+    if options.markings:
+        markings = load_markings(options.markings)
+        print_shift(markings, collect_samples(markings))
+        return
     if options.check:
         data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)]
     else:
@@ -328,17 +369,17 @@ def fit_weights(rows: np.ndarray, kind: np.ndarray, *, only_check: bool) -> None
         print(dict(zip(WEIGHTS, np.round(weights, 2).tolist(), strict=True)))
 
 
-def collect_samples() -> list[tuple[list, list]]:
+def collect_samples(markings: Markings | None = None) -> list[tuple[list, list]]:
     """Samples of the painted drives and of the suite. Variants of a scene share a number."""
-    data = [samples_of_painted_drive(seed) for seed in range(DRIVES)]
+    data = [samples_of_painted_drive(seed, markings=markings) for seed in range(DRIVES)]
     wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
-    data += [samples_of_painted_drive(seed, pose_is_wrong=True) for seed in wrong]
+    data += [samples_of_painted_drive(seed, pose_is_wrong=True, markings=markings) for seed in wrong]
     for number, kind in enumerate(KINDS):
-        data += [samples_of_no_road(kind, seed, -1000 - number) for seed in range(NO_ROADS)]
+        data += [samples_of_no_road(kind, seed, -1000 - number, markings=markings) for seed in range(NO_ROADS)]
     for number, (name, scene) in enumerate(SUITE.items()):
         for seed in SEEDS:
             drive = drive_from_video(render_scene(name, seed=seed), difficulty=scene.difficulty)
-            data.append(samples_of_video(drive, -1 - number))
+            data.append(samples_of_video(drive, -1 - number, markings=markings))
     return data
 
 

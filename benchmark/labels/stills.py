@@ -16,6 +16,7 @@ from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera import Camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane
+from lanes.detect.markings import Markings
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.images import read_image
 from lanes.pose import PoseEstimate, ensure_pose
@@ -42,13 +43,14 @@ def score_pictures(
     systems: Sequence[str],
     *,
     progress: Callable[[int, int], None] | None = None,
+    markings: Markings | None = None,
 ) -> dict[str, list[LineScore]]:
     """Scores of systems on labelled pictures (height, width, 3) uint8, each processed independently.
 
     The scores of a system are those of the left and right line of each picture in turn. `progress` is called as
     progress(pictures done, pictures in total). Raises PictureError if a picture is not of the camera's size.
     """
-    detectors = {system: column_detector(system, camera) for system in systems}
+    detectors = {system: column_detector(system, camera, markings=markings) for system in systems}
     scores: dict[str, list[LineScore]] = {system: [] for system in systems}
     for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
         camera.require_size(image, label.name)
@@ -90,16 +92,19 @@ def score_folder(
     lens: Camera,
     systems: Sequence[str],
     progress: Callable[[str], Callable[[int, int], None]],
+    *,
+    markings: Markings | None = None,
 ) -> LabelledFolder:
     """Scores and checks on the labelled pictures of one camera, whose pose is estimated from them if it has none.
 
     `progress`, called with the name of a part of the work, returns its callback (done, total). Errors are those of
     `ensure_pose` and `score_pictures`.
     """
-    camera, estimate = ensure_pose(lens, files, progress=progress("pose"))
-    scores = score_pictures(labels, map(read_image, files), camera, systems, progress=progress("stills"))
+    camera, estimate = ensure_pose(lens, files, progress=progress("pose"), markings=markings)
+    report = progress("stills")
+    scores = score_pictures(labels, map(read_image, files), camera, systems, progress=report, markings=markings)
     detects = not {TRACKER, DETECTOR}.isdisjoint(systems)
-    checks = check_stills(labels, map(read_image, files), camera) if detects else []
+    checks = check_stills(labels, map(read_image, files), camera, markings=markings) if detects else []
     return LabelledFolder(scores, checks, estimate)
 
 
@@ -141,11 +146,13 @@ def check_stills(
     labels: Sequence[LaneColumns],
     pictures: Iterable[np.ndarray],
     camera: Camera,
+    *,
+    markings: Markings | None = None,
 ) -> list[StillCheck]:
     """Checks of the lanes that are detected in labelled pictures, each processed independently."""
     checks = []
     for label, image in zip(labels, pictures, strict=True):
-        lane = find_lane(image, camera)
+        lane = find_lane(image, camera, markings=markings)
         if lane is not None:
             checks.append(check_lane(lane, label, camera))
     return checks

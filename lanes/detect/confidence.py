@@ -71,7 +71,8 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
 
 def log_odds_terms(lane: Lane) -> dict[str, float]:
     """What the features of a lane contribute to the log odds, by name."""
-    return {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
+    terms = {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
+    return terms | {"constant": terms["constant"] + lane.confidence_shift}
 
 
 def log_odds(lane: Lane) -> float:

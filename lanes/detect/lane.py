@@ -198,6 +198,8 @@ class Lane:
         single image.
     departure : Departure or None
         Time to line crossing; None of a single image.
+    confidence_shift : float
+        Added to the log odds of the confidence; that of the network that found the markings (docs/own_network.md).
     """
 
     model: np.ndarray
@@ -213,6 +215,7 @@ class Lane:
     motion: CarMotion | None = None
     departure: Departure | None = field(default=None, repr=False)
     far_evidence: FarEvidence = (None, None)
+    confidence_shift: float = 0.0
 
     @property
     def tracked(self) -> bool:

@@ -50,7 +50,7 @@ class NetworkParameters:
 
 
 NETWORK = NetworkParameters()
-# The network keeps its input, so threads use it one after the other.
+# A network keeps its input, so threads use it one after the other.
 _NETWORK_IN_USE = threading.Lock()
 
 
@@ -62,7 +62,7 @@ def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     view = band.view
     paint, edges = network_strengths(image, view)
     response = MarkingResponse(paint, band.response.channels, learned=True)
-    painted = place(find_stripes(response, view), band.response.strength, view)
+    painted, _ = place(find_stripes(response, view), band.response.strength, view)
     return replace(band, response=response, stripes=painted.joined(edge_stripes(edges, view)))
 
 
@@ -116,26 +116,32 @@ def network_strengths(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
     """
     fine = finer_view(view)
     inputs = network_inputs(fine.warp(image), fine, view.focal_px)
-    with _NETWORK_IN_USE:
-        network = _read_network()
-        network.setInput(inputs[None])
-        # larger log odds are no more certain: rendered images are not real ones
-        log_odds = np.minimum(network.forward()[0], 6.0)
+    # larger log odds are no more certain: rendered images are not real ones
+    log_odds = np.minimum(run_network(NETWORK_FILE, inputs[None])[0], 6.0)
     return PAINT.half_weight_strength * np.exp(log_odds / 2) * view.seen
 
 
-@lru_cache(maxsize=1)
-def _read_network() -> cv2.dnn.Net:
+def run_network(file: Path, inputs: np.ndarray, *, output: str = "", digest: str = "") -> np.ndarray:
+    """An output of the network in an ONNX file; by name if it has several. See `read_network` for `digest`."""
+    with _NETWORK_IN_USE:
+        network = read_network(file, digest)
+        network.setInput(inputs)
+        return network.forward(output)
+
+
+@lru_cache(maxsize=2)
+def read_network(file: Path, digest: str) -> cv2.dnn.Net:
+    """The network in an ONNX file, in the cache until it is called with another `digest` of the file's content."""
     # OpenCV cannot open all names of folders on Windows
-    return cv2.dnn.readNetFromONNX(np.frombuffer(NETWORK_FILE.read_bytes(), np.uint8))
+    return cv2.dnn.readNetFromONNX(np.frombuffer(file.read_bytes(), np.uint8))
 
 
-def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> Stripes:
-    """The stripes; those that are clear stripes for the band filter, too, at its position: it is more exact."""
+def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> tuple[Stripes, np.ndarray]:
+    """The stripes, at the more exact position of the band filter where they are clear for it; its strength at each."""
     column = np.rint((view.y_m[0] - stripes.y_m) / view.cell_m).astype(int)
     # within two columns a peak of the band filter is the same stripe, the nearest one first
     nearby = np.clip(column[:, None] + [0, -1, 1, -2, 2], 1, view.shape[1] - 2)
     peak = nearby[np.arange(len(nearby)), band_strength[stripes.row[:, None], nearby].argmax(axis=1)]
     y_m = view.y_m[0] - peak_position(band_strength, stripes.row, peak) * view.cell_m
-    clear = band_strength[stripes.row, peak] > PAINT.half_weight_strength
-    return replace(stripes, y_m=np.where(clear, y_m, stripes.y_m))
+    strength = band_strength[stripes.row, peak]
+    return replace(stripes, y_m=np.where(strength > PAINT.half_weight_strength, y_m, stripes.y_m)), strength

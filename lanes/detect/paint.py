@@ -93,6 +93,8 @@ class Stripes:
     angle_std_rad: np.ndarray
     # Whether it is an edge of the road (kerb, gravel, grass), not paint.
     edge: np.ndarray
+    # Whether its profile and its gaps can be measured; not if only a mask shows it.
+    measurable: np.ndarray
 
     def __len__(self) -> int:
         return len(self.row)
@@ -114,6 +116,7 @@ class FrameEvidence:
     view_image: np.ndarray
     response: MarkingResponse
     stripes: Stripes
+    confidence_shift: float = 0.0
 
 
 def extract_evidence(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> FrameEvidence:
@@ -223,7 +226,7 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintS
     weight = strength_weight(strength[row, column], settings)
     std_m = np.hypot(settings.position_std_m, settings.position_std_px * x_m / view.focal_px)
     angle_std_rad, edge = np.full(len(row), settings.angle_std_rad), np.zeros(len(row), bool)
-    return Stripes(row, x_m, y_m, angle, step, weight, std_m, angle_std_rad, edge)
+    return Stripes(row, x_m, y_m, angle, step, weight, std_m, angle_std_rad, edge, ~edge)
 
 
 def peak_position(strength: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:

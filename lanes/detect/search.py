@@ -79,6 +79,7 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
         inlier_share=float(fit.inlier_share[0]),
         clear_share=clear_share(fit),
         far_evidence=observe_far_lines(fit, evidence),
+        confidence_shift=evidence.confidence_shift,
     )
     return Search(votes, near, fit, lane)
 
@@ -150,12 +151,12 @@ def _observe_line(
     members, profile, votes = fit.members[line], previous.profile, previous.votes
     if evidence is not None:
         # over the rows with paint on the line
-        marked = fit.stripes.row[members & ~fit.stripes.edge]
+        marked = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
         line_y_m = np.full(len(fit.view.x_m), np.nan)
         line_y_m[marked] = fit.lines_y_m[line][marked]
         profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
         votes = votes.add_profile(profile)
-    votes = votes.add_gaps(fit.stripes.x_m[members])
+    votes = votes.add_gaps(fit.stripes.x_m[members & fit.stripes.measurable])
     support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
     edge = bool(2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members))
     return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)

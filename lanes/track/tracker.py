@@ -21,7 +21,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
-from lanes.detect.network import learned_evidence
+from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
@@ -57,8 +57,6 @@ if TYPE_CHECKING:
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
-
-
 # Above the speed of any car on a road.
 MAX_SPEED_MPS = 120.0
 
@@ -126,6 +124,7 @@ class LaneTracker:
         Looks for the lane and the camera pose in one image; for a camera whose pose is doubtful or changes. While no
         lane is likely it is called twice a second, and the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
+    markings : callable, optional, as for `lanes.find_lane`
 
     Attributes
     ----------
@@ -154,12 +153,13 @@ class LaneTracker:
         speed_mps: float | None = None,
         find_pose: Callable[[np.ndarray], StillDetection | None] | None = None,
         settings: TrackerSettings | None = None,
+        markings: Markings | None = None,
     ) -> None:
         self.fps = require_number(fps, "fps", positive=True)
         self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
         if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
             raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
-        self.find_pose, self.settings = find_pose, settings or TrackerSettings()
+        self.find_pose, self.settings, self.markings = find_pose, settings or TrackerSettings(), markings
         self._use(camera)
 
     @property
@@ -236,7 +236,7 @@ class LaneTracker:
         PictureError
             If the image is not RGB or not of the camera's size.
         LaneError
-            If `elapsed_s` is not a number.
+            If `elapsed_s` is not a number, or `markings` returns no mask.
         """
         s = self.settings
         elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s", finite=False)
@@ -247,7 +247,9 @@ class LaneTracker:
         self._since_search_s += elapsed_s
         search = self._search_is_due()
         view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
-        evidence = extract_evidence(view.warp(image), view, s.detector.paint)
+        band = extract_evidence(view.warp(image), view, s.detector.paint)
+        mask = find_mask(view.camera.require_size(image), self.markings)
+        evidence = mask.evidence(band, band) if mask else band
         evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
@@ -262,19 +264,19 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._since_search_s = 0.0
-            self._compare(self._look_closer(image, evidence, challenger))
+            self._compare(self._look_again(image, band, mask, challenger))
         self._since_network_s += elapsed_s
         self._since_pose_s += elapsed_s
         self._try_other_pose(image)
         return self._lane
 
-    def _look_closer(self, image: np.ndarray, evidence: FrameEvidence, found: Lane | None) -> Lane | None:
+    def _look_again(self, image: np.ndarray, band: FrameEvidence, mask: Mask | None, found: Lane | None) -> Lane | None:
         """The lane found by a search, or the more probable one that the network shows while no lane is confirmed."""
-        sure = found is not None and found.confidence >= SURE_CONFIDENCE
+        sure = (found is not None and found.confidence >= SURE_CONFIDENCE) or (mask and not mask.with_own)
         if self._state == TRACKING or sure or self._since_network_s < self.settings.network_period_s:
             return found
         self._since_network_s = 0.0
-        learned = learned_evidence(image, evidence)
+        learned = look_closer(image, band, mask)
         if self._lane_moves:
             static = self._static.is_static(*self._static_places(learned.stripes))
             learned = replace(learned, stripes=learned.stripes.select(~static))
@@ -409,6 +411,7 @@ class LaneTracker:
             motion=motion,
             departure=departure,
             far_evidence=far,
+            confidence_shift=getattr(self.markings, "confidence_shift", 0.0),
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
             return replace(lane, departure=replace(departure, due=False))

@@ -20,9 +20,9 @@ from tests.support.project import ROOT
 # Commands that are modules, imported when they are needed; those of `lanes` are classes.
 MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__", "tools.ablation": "tools.ablation"}
 KNOWN = {*COMMANDS, *MODULES}
-# Options of git, pip, Dask and nbconvert.
+# Options of git, pip, Dask, nbconvert and YOLOP.
 OF_OTHERS = {"--require-hashes", "--depth", "--version", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"}
-OF_OTHERS |= {"--to", "--execute", "--inplace"}
+OF_OTHERS |= {"--to", "--execute", "--inplace", "--width"}
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 BENCHMARK = ROOT / "docs" / "benchmark"

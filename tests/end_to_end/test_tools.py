@@ -20,7 +20,7 @@ from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
-from tools.fit_confidence import cross_validated, fit_logistic, label_lanes, logistic
+from tools.fit_confidence import cross_validated, fit_logistic, fit_shift, label_lanes, logistic
 from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
 from tools.soak import largest_differences, packet_times, repeat_drive
 
@@ -77,6 +77,12 @@ class TestTheFit:
         features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
         assert np.abs(cross_validated(features, right, drive) - 0.5).max() < 0.2
         assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
+
+    def test_the_constant_of_a_network_corrects_the_mean_confidence(self):
+        log_odds, chance = np.linspace(-4, 4, 4001), np.random.default_rng(0).random(4001)
+        weight = 1 + (log_odds > 0)
+        assert fit_shift(log_odds, chance < logistic(log_odds - 1.5), weight) == pytest.approx(-1.5, abs=0.1)
+        assert fit_shift(log_odds, chance < 2, weight) == pytest.approx(6.0)
 
     def test_lanes_are_judged_by_their_own_truth(self):
         rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(9)]

@@ -83,6 +83,7 @@ class Drive:
             std_m,
             np.full(count, 0.1),
             np.zeros(count, bool),
+            np.ones(count, bool),
         )
         fit = measure(stripes, estimate, VIEW, FIT)
         return update(estimate, fit.lanes[0], fit.covariance[0])

@@ -1,0 +1,145 @@
+"""Markings from any network: the mask of a function takes the place of our marking response, or joins it.
+
+A mask is wider than paint: it is thinned in the bird's-eye view, and a stripe is placed by the band filter where that
+sees it, too. A network is an ONNX file, with a YAML file beside it (docs/own_network.md).
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import yaml
+
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.network import learned_evidence, place, read_network, run_network
+from lanes.detect.paint import PAINT, FrameEvidence, find_stripes
+from lanes.errors import LaneError
+from lanes.files import read_text, require_file
+
+# From a raw RGB image (height, width, 3), uint8, to the mask of its lane markings: probabilities (rows, columns), 0 to
+# 1, of the whole image, also at a lower resolution.
+Markings = Callable[[np.ndarray], np.ndarray]
+# The centre of a stripe is that of the mask within this distance, if it has this share of the largest probability
+# there, and if the mean is below the other share of it: else it is an area. Larger probabilities are no more certain.
+REACH_M, CENTRE_SHARE, AREA_SHARE, MAX_PROBABILITY = 0.75, 0.5, 0.9, 0.99
+
+
+@dataclass(frozen=True, eq=False)
+class Mask:
+    """Probabilities (rows, columns) float32 of lane markings in one image; see `find_mask`."""
+
+    probability: np.ndarray
+    with_own: bool
+    confidence_shift: float
+
+    def evidence(self, band: FrameEvidence, own: FrameEvidence) -> FrameEvidence:
+        """What the mask shows, in place of our `own` evidence or joined with it; `band` is that of the band filter."""
+        view, of_image = band.view, cv2.convertScaleAbs(cv2.resize(self.probability, band.view.camera.size), alpha=255)
+        strength = thin(view.warp(cv2.cvtColor(of_image, cv2.COLOR_GRAY2RGB))[..., 0] / np.float32(255), view)
+        strength = np.maximum(strength, self.with_own * own.response.strength)
+        response = replace(band.response, strength=strength, learned=True)
+        stripes, band_strength = place(find_stripes(response, view), band.response.strength, view)
+        cell_px = 1 if self.with_own else max(view.camera.width / self.probability.shape[1], 1)
+        std_m = np.where(band_strength > PAINT.half_weight_strength, 1, cell_px) * stripes.std_m
+        stripes = replace(stripes, std_m=std_m, measurable=band_strength > PAINT.min_strength)
+        stripes = stripes.joined(own.stripes.select(own.stripes.edge))
+        return replace(band, response=response, stripes=stripes, confidence_shift=self.confidence_shift)
+
+
+def thin(probability: np.ndarray, view: BirdsEyeView) -> np.ndarray:
+    """Strengths (rows, columns) float32: parabolas, three columns wide, at the centres of stripes in a view's mask."""
+    reach = round(REACH_M / view.cell_m)
+    kernels = np.ones(2 * reach + 1), np.arange(-reach, reach + 1.0)
+    mass, moment = (cv2.sepFilter2D(probability, -1, k, np.ones(1), borderType=cv2.BORDER_REPLICATE) for k in kernels)
+    columns = moment / np.maximum(mass, 1e-6)
+    top = np.minimum(cv2.dilate(probability, np.ones((1, 2 * reach + 1))), MAX_PROBABILITY)
+    is_line = (probability > CENTRE_SHARE * top) & (mass < AREA_SHARE * top * (2 * reach + 1))
+    strength = PAINT.half_weight_strength * np.sqrt(top / (1 - top)) * (1 - (columns / 3) ** 2)
+    return np.where(is_line & (np.abs(columns) <= 1.5) & view.seen, strength, np.float32(0))
+
+
+def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
+    """The mask that a function finds, and its attributes `with_own` and `confidence_shift`, if any; None without one.
+
+    Raises LaneError if it is no mask.
+    """
+    if not markings:
+        return None
+    mask, name = np.asarray(markings(image), np.float32), getattr(markings, "__name__", markings)
+    low, high = (mask.min(), mask.max()) if mask.size else (np.nan, np.nan)
+    if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):  # also for NaN
+        found = f"an array of shape {mask.shape} with values from {low:g} to {high:g}"
+        raise LaneError(f"{name}: returned {found}; a mask has shape (rows, columns) and probabilities, 0 to 1.")
+    with_own, shift = getattr(markings, "with_own", False), getattr(markings, "confidence_shift", 0.0)
+    return Mask(np.clip(mask, 0, 1), with_own, float(shift))
+
+
+def look_closer(image: np.ndarray, band: FrameEvidence, mask: Mask | None) -> FrameEvidence:
+    """`learned_evidence`, joined with the mask; that of the mask alone if it takes the place of ours."""
+    own = band if mask and not mask.with_own else learned_evidence(image, band)
+    return mask.evidence(band, own) if mask else own
+
+
+@dataclass(frozen=True)
+class MarkingModel:
+    """A function of `Markings`: the network in an ONNX file with this `digest`, run as its YAML file says."""
+
+    file: Path
+    digest: str
+    with_own: bool
+    input_size: Sequence[int]
+    channel: int | Sequence[int]
+    values: str
+    output: str = ""
+    colour_order: str = "RGB"
+    mean: float | Sequence[float] = 0.0
+    scale: float | Sequence[float] = 1 / 255
+    confidence_shift: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self.file}{',own' if self.with_own else ''}"
+
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """The mask of a raw image (height, width, 3), uint8, RGB. Raises LaneError if there is no such channel."""
+        pixels = cv2.dnn.blobFromImage(image, 1.0, self.input_size, swapRB=self.colour_order == "BGR")
+        mean, scale = (np.reshape(np.array(value, np.float32), (-1, 1, 1)) for value in (self.mean, self.scale))
+        output = run_network(self.file, (pixels - mean) * scale, output=self.output, digest=self.digest)
+        channels, wanted = output[0] if output.ndim == 4 else output, np.ravel(self.channel)
+        if channels.ndim != 3 or max(wanted) >= len(channels):
+            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {max(wanted)}, from 0 on.")
+        if self.values == "logits":
+            # a single one is the logarithm of the odds
+            logits = channels if len(channels) > 1 else np.stack([channels[0], np.zeros_like(channels[0])])
+            channels = np.exp(channels - np.logaddexp.reduce(logits))
+        return channels[wanted].sum(axis=0)
+
+
+def load_markings(name: str | Path) -> MarkingModel:
+    """The network in an ONNX file with its YAML file; if ",own" follows the name, its stripes join ours.
+
+    >>> lanes.find_lane(image, camera, markings=load_markings("model.onnx"))  # doctest: +SKIP
+
+    It is tried on a black image. Raises FileNotFoundError or LaneError if a file is missing or cannot be used.
+    """
+    file = Path(str(name).removesuffix(",own")).absolute()
+    digest = hashlib.sha256(require_file(file, "ONNX", error=LaneError).read_bytes()).hexdigest()
+    path = file.with_suffix(".yaml")
+    try:
+        entries = yaml.safe_load(read_text(path, "YAML", error=LaneError, max_bytes=100_000))
+        model = MarkingModel(file, digest, str(name).endswith(",own"), **entries)
+        if model.values not in ("logits", "probabilities") or model.colour_order not in ("RGB", "BGR"):
+            raise ValueError("values are logits or probabilities, colour_order is RGB or BGR")
+        names = read_network(file, digest).getUnconnectedOutLayersNames()
+        if model.output not in names and (model.output or len(names) > 1):
+            raise ValueError(f"the outputs are {', '.join(names)}; write `output:` and one of them")
+        find_mask(np.zeros((8, 8, 3), np.uint8), model)
+    except (yaml.YAMLError, cv2.error, FileNotFoundError, RecursionError, TypeError, ValueError) as error:
+        reason = " ".join(str(getattr(error, "err", error)).split()).rstrip(".")
+        remedy = "write what the network needs, such as `input_size: [640, 360]`, `channel: 1` and `values: logits`"
+        raise LaneError(f"{path}: cannot be used ({reason}); {remedy} (docs/own_network.md).") from error
+    return model
