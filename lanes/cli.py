@@ -294,8 +294,8 @@ class Explain:
 
 class Score:
     """Score the lines that `detect` or any other program predicts in labelled stills, and write a page with the
-    worst. Both files are TuSimple JSON lines: raw_file, h_samples (rows; if missing, those of the label), lanes
-    (columns, -2 for no point), if known sides and confidence. Lateral errors are those on a flat road.
+    worst stills. Both files are TuSimple JSON lines: raw_file, h_samples (rows; predictions may lack them),
+    lanes (columns, -2 for no point), optionally sides and confidence. A flat road is assumed for metres.
     """
 
     SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
@@ -324,9 +324,9 @@ class Score:
         scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
         tables, notes = score_tables(scores), ""
         if missing := [picture for picture, some in zip(pictures, predictions, strict=True) if not some]:
-            notes += f"note: {len(missing)} stills without prediction count as without lines: {_list_names(missing)}\n"
+            notes += f"note: {len(missing)} of {len(labels)} stills have no prediction: {_list_names(missing)}\n"
         if gone := [picture for picture in pictures if not picture.is_file()]:
-            notes += f"note: {len(gone)} pictures are not there, their size is assumed: {_list_names(gone)}\n"
+            notes += f"note: {len(gone)} of {len(labels)} pictures are missing, sizes assumed: {_list_names(gone)}\n"
         for title, table in tables.items():
             print(f"{title}:\n{format_table(*number_cells(table))}\n")
         words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}

@@ -128,8 +128,8 @@ def reliability(scores: Iterable[PictureScore]) -> Table:
     table: dict[str, dict[str, float]] = {}
     for level, name in ((2, "0.9 or more"), (1, "0.5 to 0.9"), (0, "below 0.5")):
         counts = {"lanes": int((levels == level).sum()), "right": int(right[levels == level].sum())}
-        mean, share = stated[levels == level].sum() / max(counts["lanes"], 1), counts["right"] / max(right.sum(), 1)
-        table[name] = {**counts, "mean stated": float(mean), "of right lanes": float(share)}
+        mean = float(stated[levels == level].mean()) if counts["lanes"] else np.nan
+        table[name] = {**counts, "mean stated": mean, "of right lanes": counts["right"] / max(int(right.sum()), 1)}
     return table
 
 

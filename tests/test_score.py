@@ -287,7 +287,7 @@ def test_command_prints_tables_and_writes_a_page(folder, capsys):
     }
     errors_m = np.array(rows_of(said, "lateral errors, metres")["all"][1:], float)
     assert errors_m == pytest.approx(0.1, abs=0.01)
-    assert "note: 1 stills without prediction" in said and "note: 1 pictures are not there" in said
+    assert "note: 1 of 3 stills have no prediction" in said and "note: 1 of 3 pictures are missing" in said
     assert "a/2.jpg" in said and str(page) in said
     data = page_data(page)
     assert [still["name"] for still in data["stills"]] == [HOSTILE, "a/2.jpg", "a/1.jpg"]
