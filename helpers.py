@@ -30,7 +30,7 @@ from course.measures import lane_widths_px
 from classic.recipe import RECIPES, get_recipe
 from classic.finder import LaneFinder
 from course.measures import marking_precision, marking_recall
-from benchmark.reporting.tables import format_table
+from lanes.describe import format_table
 from course.sliders import tune_threshold
 
 # 6 Find

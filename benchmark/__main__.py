@@ -5,7 +5,7 @@ The drives are the scenes of the suite, which are rendered once and cached, or y
 Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finished scores are cached, so an
 interrupted run continues where it stopped.
 --speed measures times instead (some minutes).
---labels scores the systems, or a file of predictions, on hand-labelled stills instead.
+--labels scores the systems on hand-labelled stills instead, as `lanes score` does with a file of predictions.
 --markings scores tracker and detector with the markings of a network (docs/own_network.md).
 --seed scores another variant of each scene: the systems were tuned on number 0.
 """
@@ -15,14 +15,10 @@ from __future__ import annotations
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from lanes.cli import add_lens, find_lens
 from lanes.console import bounded, progress_line, run_command, run_program
 from lanes.detect.markings import load_markings
-
-if TYPE_CHECKING:
-    from benchmark.labels.tusimple import LaneColumns
 
 EXAMPLES = """\
   {program} --list
@@ -34,8 +30,7 @@ EXAMPLES = """\
   {program} --system tracker --markings model.onnx motorway
   {program} --speed
   {program} --labels stills/labels.jsonl --camera camera.yaml
-  {program} --labels world/labels.jsonl --hfov 60 --each-folder
-  {program} --labels stills/labels.jsonl --predictions lanes.jsonl"""
+  {program} --labels world/labels.jsonl --hfov 60 --each-folder"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -86,12 +81,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--labels", type=Path, metavar="JSONL", help="labels in TuSimple's format; raw_file is relative to this file"
     )
     labelled.add_argument(
-        "--predictions",
-        type=Path,
-        metavar="JSONL",
-        help="score these predictions of `python -m lanes detect` instead of the systems",
-    )
-    labelled.add_argument(
         "--each-folder",
         action="store_true",
         help="each top folder below the labels is another camera: its pose is estimated from its own labelled stills",
@@ -106,8 +95,6 @@ def run(options: argparse.Namespace) -> int:
     from benchmark.speed import measure_speed
     from benchmark.systems import SYSTEMS
 
-    if options.predictions and not options.labels:
-        raise ValueError(f"{options.predictions}: predictions need labels; name their file with --labels.")
     if options.list:
         for drive in list_drives().values():
             print(f"{drive.name:24}{drive.difficulty:9}{drive.description}")
@@ -129,31 +116,15 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _score_labelled(options: argparse.Namespace) -> None:
-    """Score a file of predictions, or every system, on the stills of `options.labels`."""
-    from benchmark.labels import stills, tusimple
-
-    labels = tusimple.read_labels(options.labels)
-    if options.predictions:
-        scores = []
-        for label, found in tusimple.pair_predictions(labels, tusimple.read_predictions(options.predictions)):
-            width_px = tusimple.picture_width_px(options.labels.parent / label.name)
-            scores += tusimple.score_lines(label, found, width_px=width_px)
-        print(stills.describe_labelled({options.predictions.name: scores}))
-        if official := tusimple.describe_all_lines(options.labels, options.predictions):
-            print(official)
-    else:
-        _score_systems_on_stills(labels, options)
-    print(f"{len(labels)} stills; {tusimple.EGO_LANE_NOTE}")
-
-
-def _score_systems_on_stills(labels: list[LaneColumns], options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
-    from benchmark.labels import stills
+    from benchmark import labelled_stills as stills
     from benchmark.systems import STILL_SYSTEMS
+    from lanes.labels import read_labels
 
-    systems, scored = options.system or STILL_SYSTEMS, []
+    labels, systems, scored = read_labels(options.labels), options.system or STILL_SYSTEMS, []
     markings = options.markings and load_markings(options.markings)
-    for name, some in (stills.split_folders(labels) if options.each_folder else {"": labels}).items():
+    for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
+        some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
         lens = find_lens(options)
         folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=markings)

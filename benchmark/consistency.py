@@ -16,8 +16,9 @@ import numpy as np
 
 from benchmark.errors import LANE_CHANGE_M, NEAR, LaneTruth, line_errors, worse_rms
 from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.reporting.tables import format_table, read_scores
+from benchmark.reporting.tables import read_scores
 from benchmark.scores import Result, Row, by_difficulty, total_name
+from lanes.describe import format_table
 
 # The numbers of the stated covariance, and all whose z is reported.
 NUMBERS = ("offset", "heading", "curvature", "width")

@@ -20,12 +20,12 @@ import cv2
 import numpy as np
 
 from benchmark.machine import describe_load, describe_machine
-from benchmark.reporting.tables import format_table
 from benchmark.systems import TRACKER
 from classic.finder import LaneFinder
 from classic.overlay import follow_lane
 from classic.recipe import RECIPES, get_recipe
 from lanes.camera import Camera, load_camera
+from lanes.describe import format_table
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.track.tracker import LaneTracker

@@ -11,12 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.labels.tusimple import LaneColumns, score_lines
-from benchmark.reporting.tables import format_table
 from benchmark.systems import PROJECTED_AT_M, project_lines
 from course.dataset import Dataset
 from course.measures import HasLines, describe_error, worst_lateral_error_m
 from lanes.camera import Camera
+from lanes.describe import format_table
+from lanes.labels import EGO_SIDES, LaneColumns
+from lanes.score import score_picture, summarize
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
@@ -71,9 +72,8 @@ def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) 
     lines = None if result is None else result.lateral_m(PROJECTED_AT_M)
     no_lines = np.full((2, len(label.rows)), -2.0)
     columns = no_lines if lines is None else project_lines(lines, camera, label.rows)
-    scores = score_lines(label, LaneColumns(label.name, label.rows, columns))
-    accuracies = [score.accuracy for score in scores if score.accuracy is not None]
-    return float(np.mean(accuracies)) if accuracies else float("nan")
+    found = LaneColumns(label.name, label.rows, columns, EGO_SIDES)
+    return summarize([score_picture(label, found, camera.size)])["ego accuracy"]
 
 
 def _describe_differences(found: Found) -> str:

@@ -15,10 +15,11 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmark.labels.tusimple import LaneColumns, read_labels
 from benchmark.scored_drive import PROJECT_ROOT
 from lanes.camera import Camera, camera_from_dict
 from lanes.files import read_telemetry, read_text
+from lanes.images import read_image
+from lanes.labels import LaneColumns, read_labels
 from lanes.sources import find_sources
 
 Part = TypeVar("Part")
@@ -92,13 +93,16 @@ class Dataset:
         return frames.get(still.name)
 
     def labels(self) -> dict[str, LaneColumns]:
-        """The hand-made labels of the test pictures by file name, from labels.jsonl; empty without that file."""
+        """The hand-made ego lanes of the test pictures by file name, from labels.jsonl; empty without that file."""
         path = self.root / "labels.jsonl"
         if not path.is_file():
             return {}
-        names = {still.name for still in self.stills}
         labels = {Path(label.name).name: label for label in read_labels(path)}
-        return {name: label for name, label in labels.items() if name in names}
+        return {
+            still.name: labels[still.name].ego_lane(read_image(still).shape[1::-1])
+            for still in self.stills
+            if still.name in labels
+        }
 
     def line_columns(self, still: Path) -> LaneColumns | None:
         """The columns of both lines in a test picture: the truth, else the hand-made labels, None without either."""

@@ -1,4 +1,6 @@
-"""The commands of `python -m lanes`, where installed also `lanes`: calibrate, pose, annotate, detect, explain, label.
+"""The commands of `python -m lanes`, where installed also `lanes`.
+
+They are calibrate, pose, annotate, detect, explain, label and score.
 
 Each command is a class whose docstring is its help. Plots and Dask are imported when a command needs them, so that help
 and wrong usage are answered at once.
@@ -28,16 +30,20 @@ from lanes.calibration import (
 )
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
+from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
-from lanes.errors import LaneError, PictureError
+from lanes.errors import CameraError, LaneError, PictureError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
+from lanes.labels import read_labels, read_predictions
 from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
+from lanes.report.score_page import write_score_page
+from lanes.score import TUSIMPLE_SIZE, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import progress_bar, read_ahead
@@ -324,7 +330,49 @@ class Label:
         return 0
 
 
-COMMANDS = {command.__name__.lower(): command for command in (Calibrate, Pose, Annotate, Detect, Explain, Label)}
+class Score:
+    """Score the lines that `detect` or any other program predicts in labelled stills, and write a page with the
+    worst stills. Both files are TuSimple JSON lines: raw_file, h_samples (rows; predictions may lack them),
+    lanes (columns, -2 for no point), optionally sides and confidence. A flat road is assumed for metres.
+    """
+
+    SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
+    EXAMPLES = """\
+  {program} labels.jsonl lanes.jsonl
+  {program} --camera camera.yaml stills/labels.jsonl predictions.json -o score.html"""
+
+    @staticmethod
+    def add_arguments(parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("labels", type=Path, metavar="LABELS", help="labels; raw_file is relative to this file")
+        parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="lines that a program predicts")
+        parser.add_argument("--camera", type=Path, metavar="YAML", help="camera file with a pose, for errors in metres")
+        add_output(parser, "score.html", "page to write")
+
+    @staticmethod
+    def run(options: argparse.Namespace) -> int:
+        labels, folder = read_labels(options.labels), options.labels.parent
+        predictions, camera = read_predictions(options.predictions, labels), None
+        if options.camera and not (camera := load_camera(options.camera)).pose:
+            raise CameraError(f"{options.camera}: holds no camera pose; use the file that `pose` writes.")
+        pictures = [folder / label.name for label in labels]
+        require_no_input_among([options.output], [options.labels, options.predictions, *pictures])
+        read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
+        assumed = camera.size if camera else TUSIMPLE_SIZE
+        sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
+        scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
+        tables, notes = score_tables(scores), ""
+        if missing := [picture for picture, some in zip(pictures, predictions, strict=True) if not some]:
+            notes += f"note: {len(missing)} of {len(labels)} stills have no prediction: {_list_names(missing)}\n"
+        if gone := [picture for picture in pictures if not picture.is_file()]:
+            notes += f"note: {len(gone)} of {len(labels)} pictures are missing, sizes assumed: {_list_names(gone)}\n"
+        for title, table in tables.items():
+            print(f"{title}:\n{format_table(*number_cells(table))}\n")
+        words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}
+        print(f"{notes}wrote {write_score_page(options.output, folder, scores, tables, words)}")
+        return 0
+
+
+COMMANDS = {c.__name__.lower(): c for c in (Calibrate, Pose, Annotate, Detect, Explain, Label, Score)}
 EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
 EPILOG += """
 In a clone of the project, python -m simulator renders roads with ground truth and

@@ -5,7 +5,7 @@ Signs: curvature > 0 bends left; offset > 0 means the car is left of the lane ce
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from html import escape
 from math import degrees
 
@@ -66,3 +66,18 @@ def html_table(title: str, rows: Mapping[str, str]) -> str:
     """An HTML table for notebooks: a caption, then a name and a text per row."""
     cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
+    """A text table with columns of equal width: a line of headings, then a line for each named row."""
+    width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
+    name_width = max(map(len, rows), default=0)
+    lines = [("", columns), *rows.items()]
+    return "\n".join(name.ljust(name_width) + "".join(text.rjust(width) for text in texts) for name, texts in lines)
+
+
+def number_cells(rows: Mapping[str, Mapping[str, float]]) -> tuple[list[str], dict[str, list[str]]]:
+    """Headings and cells of rows of numbers, for `format_table`; "-" for NaN."""
+    texts = {float: lambda number: f"{number:.3f}".replace("nan", "-")}
+    cells = {name: [texts.get(type(n), str)(n) for n in row.values()] for name, row in rows.items()}
+    return list(next(iter(rows.values()))), cells

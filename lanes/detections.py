@@ -1,8 +1,7 @@
 """Detections of the lane's lines in pixels of the raw images, as TuSimple JSON lines.
 
-One JSON object per image, with the keys of TuSimple: `raw_file`, `h_samples` (rows), `lanes` (columns of the lines; -2
-for no point) and `run_time` (milliseconds). Additional keys: `sides`, `state`, `confidence`, `offset_m`,
-`curvature_per_m`, and `frame` for videos.
+One JSON object per image, as `lanes.labels` reads it, with TuSimple's `run_time` (milliseconds). Additional keys:
+`sides`, `state`, `confidence`, `offset_m`, `curvature_per_m`, and `frame` for videos.
 
 The first two lines are the left and the right one of the ego lane. Far lines of adjacent lanes follow only if they are
 seen, because TuSimple counts a line without points as a false positive; `sides` names each line.
@@ -22,10 +21,9 @@ from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.errors import LaneError
 from lanes.files import write_atomically
 from lanes.images import read_image
+from lanes.labels import NO_POINT
 from lanes.pose import ensure_pose
 from lanes.video.reader import TimedFrame
-
-NO_POINT = -2.0
 
 
 def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -> Iterator[dict]:

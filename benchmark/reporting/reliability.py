@@ -14,8 +14,9 @@ import numpy as np
 
 from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT
-from benchmark.reporting.tables import describe_interval, format_table
+from benchmark.reporting.tables import describe_interval
 from benchmark.scores import Result, by_difficulty
+from lanes.describe import format_table
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.

@@ -29,14 +29,6 @@ CORRECT, LOST, WRONG = "correct", "lost", "wrong"
 CONFIDENT_AND_WRONG, FALSE_LANE = "confident and wrong", "a lane where none exists"
 
 
-def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """A text table with columns of equal width: a line of headings, then a line for each named row."""
-    width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
-    name_width = max(map(len, rows), default=0)
-    lines = [("", columns), *rows.items()]
-    return "\n".join(name.ljust(name_width) + "".join(text.rjust(width) for text in texts) for name, texts in lines)
-
-
 def describe_scores(rows: Iterable[Row]) -> str:
     """The benchmark's table for a terminal of 120 columns: a heading for each scene, a line for each system."""
     lines = [" " * NAME_WIDTH + "".join(head[k].rjust(width) for *head, width, _ in COLUMNS) for k in (0, 1)]

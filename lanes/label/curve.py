@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lanes.detect.paint import lightness, yellowness
+from lanes.labels import NO_POINT
 
-NO_POINT = -2.0
 # In pixels of an image 720 px high: reach of the snap at 0.4 of the height and above, and at the bottom; widest paint.
 SNAP_PX, WIDEST_PX = (6.0, 16.0), 37
 MIN_CONTRAST, MIN_RATIO = 8.0, 4.0  # of paint with both its sides: grey levels, and times the noise

@@ -57,7 +57,7 @@ def write_report(
 
     `settings` are shown as a table.
     """
-    video, script = Path(video), _asset("report.js")
+    video = Path(video)
     embedded = video.stat().st_size <= max_embedded_bytes
     parts = {
         "title": escape(title),
@@ -65,18 +65,23 @@ def write_report(
         "video_name": escape(video.name),
         "video_link": escape(quote(os.fsencode(video.name))),
         "video_data": base64.b64encode(video.read_bytes()).decode() if embedded else "",
-        "style": _asset("report.css"),
-        "script": script,
-        "script_hash": base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        # With "<" escaped, so that it cannot end the <script> element around it.
-        "data": json.dumps(_frames(telemetry), separators=(",", ":")).replace("<", "\\u003c"),
         "states": draw_states(telemetry["state"], telemetry["time_s"]),
         "curves": _draw_curves(telemetry),
         "moments": "".join(_list_moments(kind, moments) for kind, moments in worst_moments(telemetry).items()),
         "settings": "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     }
+    return fill_page(path, "report", parts, _frames(telemetry))
+
+
+def fill_page(path: str | Path, name: str, parts: Mapping[str, str], data: object) -> Path:
+    """Write a page from the template `name`.html, whose script `name`.js reads the data; returns the `path`."""
+    script = _asset(f"{name}.js")
+    script_hash = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+    # With "<" escaped, so that it cannot end the <script> element around it.
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    parts = {"style": _asset("report.css"), "script": script, "script_hash": script_hash, "data": text, **parts}
     # In one pass, so that a {{name}} inside a part stays as it is.
-    page = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset("report.html"))
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset(f"{name}.html"))
     # File names may contain bytes that are not valid UTF-8.
     write_atomically(path, page.encode(errors="replace"))
     return Path(path)

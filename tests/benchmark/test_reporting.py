@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.reporting.reliability import AvailableLanes, describe_confidence
-from benchmark.reporting.tables import describe_interval, describe_scores, format_table, markdown_table, results_table
+from benchmark.reporting.tables import describe_interval, describe_scores, markdown_table, results_table
 from benchmark.scores import Result
 from lanes.files import write_telemetry
 from tests.benchmark.test_bootstrap import result
@@ -82,14 +82,6 @@ class TestTables:
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
         with pytest.raises(ValueError, match=r"other.csv: is not a table of the benchmark"):
             results_table(tmp_path / "other.csv")
-
-
-def test_text_columns_are_aligned_to_the_right():
-    assert format_table(["a", "long"], {"one": ["1", "2"], "three": ["lost", "4"]}).splitlines() == [
-        "          a  long",
-        "one       1     2",
-        "three  lost     4",
-    ]
 
 
 def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:

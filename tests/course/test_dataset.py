@@ -2,10 +2,12 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from course.dataset import DatasetError, open_dataset
 from course.measures import check
+from lanes.images import write_image
 
 
 @pytest.fixture
@@ -81,6 +83,7 @@ def test_line_columns_come_from_the_truth_else_from_the_labels(folder):
     data = open_dataset(folder)
     still = data.still("test2")
     assert data.line_columns(still) is None
+    write_image(still, np.zeros((720, 1280, 3), np.uint8))
     label = {"raw_file": "test_images/test2.jpg", "h_samples": [500, 510], "lanes": [[100, 90], [600, 610]]}
     (folder / "labels.jsonl").write_text(json.dumps(label) + "\n")
     assert data.line_columns(still).columns.tolist() == [[100, 90], [600, 610]]

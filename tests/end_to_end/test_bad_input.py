@@ -57,8 +57,9 @@ INPUTS = {
     "explain video": ("video", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
     "explain still": ("png", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
     "calibrate": ("jpg", ["calibrate", "BAD", "-o", "{out}/drive.yaml"]),
-    "labels": ("labels", ["benchmark", *CAMERA, "--labels", "BAD", "--predictions", "{in}/predictions.jsonl"]),
-    "predictions": ("predictions", ["benchmark", "--labels", "{in}/labels.jsonl", "--predictions", "BAD"]),
+    "labels": ("labels", ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"]),
+    "predictions": ("predictions", ["score", "{in}/labels.jsonl", "BAD", "-o", "{out}/score.html"]),
+    "labels of a benchmark": ("labels", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "BAD"]),
     "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
 }
 # No faults: a truncated text file may still be valid.
@@ -96,7 +97,16 @@ def out(tmp_path) -> Path:
     """Outputs of an earlier run."""
     folder = tmp_path / "out"
     folder.mkdir()
-    for name in ("drive.mp4", "drive.csv", "drive.html", "drive.yaml", "lanes.jsonl", "explained.png", "pictures.csv"):
+    for name in (
+        "drive.mp4",
+        "drive.csv",
+        "drive.html",
+        "drive.yaml",
+        "lanes.jsonl",
+        "explained.png",
+        "pictures.csv",
+        "score.html",
+    ):
         (folder / name).write_text(f"old {name}")
     return folder
 

@@ -33,7 +33,7 @@ def commands() -> list[str]:
 
 def test_the_list_of_commands_comes_quickly():
     before = os.times()
-    assert commands() == ["calibrate", "pose", "annotate", "detect", "explain", "label"]
+    assert commands() == ["calibrate", "pose", "annotate", "detect", "explain", "label", "score"]
     after = os.times()
     # Processor time, because other jobs do not change it.
     assert after.children_user + after.children_system - before.children_user - before.children_system < 1
@@ -62,16 +62,18 @@ def test_processes_of_all_commands(tmp_path):
     write_drive(tmp_path / "drive.mp4", BENDS, 12)
     still = write_image(tmp_path / "still.png", BENDS.frame(0.0))
     camera, out = tmp_path / "drive.yaml", tmp_path / "out"
+    (tmp_path / "labels.jsonl").write_text('{"raw_file": "still.png", "h_samples": [200], "lanes": []}')
     for arguments in (
         ["annotate", "--camera", camera, tmp_path / "drive.mp4", "-o", out],
         ["pose", "--hfov", 58, still, "-o", out / "camera.yaml"],
         ["detect", "--camera", camera, "--rows", "200:300:20", still, "-o", out / "lanes.jsonl"],
         ["explain", "--camera", camera, still, "-o", out / "why.png"],
+        ["score", "--camera", camera, tmp_path / "labels.jsonl", out / "lanes.jsonl", "-o", out / "score.html"],
     ):
         status, _, err = run(*arguments)
         # Nothing is left for the interpreter to complain about at its exit.
         assert (status, err.replace("pose: 1 of 1\n", "")) == (0, ""), err
-    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "camera.yaml", "lanes.jsonl", "why.png"}
+    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "camera.yaml", "lanes.jsonl", "why.png", "score.html"}
     found, truth = read_telemetry(out / "drive.csv"), read_telemetry(tmp_path / "drive.csv")
     assert np.abs(found["offset_m"] - truth["offset_m"])[5:].max() < 0.05
 

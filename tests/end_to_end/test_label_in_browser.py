@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,18 +11,12 @@ from selenium.webdriver import Keys
 from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 
-from benchmark.labels.tusimple import (
-    LaneColumns,
-    pair_predictions,
-    read_labels,
-    read_predictions,
-    score_lines,
-    summarize_lines,
-)
 from lanes.camera import save_camera
 from lanes.detect.lane import columns_at
 from lanes.images import write_image
-from lanes.label.curve import NO_POINT, label_rows
+from lanes.label.curve import label_rows
+from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns, read_labels, read_predictions
+from lanes.score import score_picture, summarize
 from tests.support.browser import CHROMIUM, DRIVER, open_browser
 from tests.support.command_line import main
 from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
@@ -81,9 +76,9 @@ def truth(time_s: float) -> np.ndarray:
     return columns_at(ROWS, lines, BENDS.camera)
 
 
-def score(labels: list[LaneColumns], predictions: list[LaneColumns]) -> dict[str, float]:
-    pairs = pair_predictions(labels, predictions)
-    return summarize_lines(line for pair in pairs for line in score_lines(*pair, width_px=BENDS.camera.width))
+def score(labels: list[LaneColumns], predictions: list[LaneColumns | None]) -> dict[str, float]:
+    size = BENDS.camera.size
+    return summarize([score_picture(*pair, size) for pair in zip(labels, predictions, strict=True)])
 
 
 def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, tmp_path):
@@ -103,16 +98,16 @@ def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, t
     rows = f"{ROWS[0]}:{ROWS[-1] + 1}:{ROWS[1] - ROWS[0]}"
     camera, found = str(folder / "camera.yaml"), str(tmp_path / "lanes.jsonl")
     assert main(["detect", "--camera", camera, "--rows", rows, *stills, "-o", found]) == 0
-    predictions = read_predictions(found)
+    predictions = read_predictions(found, labels)
     by_hand = [
-        LaneColumns(label.name, label.rows, np.where(label.columns >= 0, truth(time_s), NO_POINT))
+        replace(label, columns=np.where(label.columns >= 0, truth(time_s), NO_POINT), sides=EGO_SIDES)
         for label, time_s in zip(labels, TIMES_S, strict=True)
     ]
     clicked, direct = score(labels, predictions), score(by_hand, predictions)
-    assert clicked["lines"] == direct["lines"] == 20
-    assert [clicked[name] for name in ("matched", "fp", "fn")] == [direct[name] for name in ("matched", "fp", "fn")]
-    assert clicked["accuracy"] == pytest.approx(direct["accuracy"], abs=0.005)
-    assert clicked["matched"] > 0.9 and clicked["error_px"] == pytest.approx(direct["error_px"], abs=0.5)
+    shares = "stills", "right", "FP", "FN", "ego matched"
+    assert clicked["stills"] == 10 and [clicked[name] for name in shares] == [direct[name] for name in shares]
+    assert clicked["ego accuracy"] == pytest.approx(direct["ego accuracy"], abs=0.005)
+    assert clicked["ego matched"] > 0.9
 
 
 def test_our_lines_are_shown_beside_a_saved_label_which_then_stays(page, folder):

@@ -12,11 +12,12 @@ import yaml
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from benchmark.labels.tusimple import read_labels, read_predictions
 from benchmark.reporting.tables import read_scores
 from lanes.camera import CalibrationReport, camera_to_dict, load_camera
 from lanes.errors import CameraError
 from lanes.files import read_telemetry
+from lanes.labels import LaneColumns, read_labels, read_predictions
+from lanes.score import score_picture
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA
 
@@ -101,9 +102,13 @@ def test_camera_files(path, data):
     | garbled(json.dumps(LABEL))
 )
 def test_lanes_in_json_lines(path, data):
-    for read in (read_labels, read_predictions):
-        for lanes in assert_read_or_refused(read, path, data) or ():
-            assert lanes.columns.shape == (2, len(lanes.rows))
+    label = LaneColumns("a.jpg", np.array(LABEL["h_samples"], float), np.array(LABEL["lanes"], float))
+    labels = assert_read_or_refused(read_labels, path, data) or ()
+    found = assert_read_or_refused(lambda file: read_predictions(file, [label]), path, data) or ()
+    for lanes in (*labels, *found):
+        assert lanes.ego_lane((1280, 720)).columns.shape == (2, len(lanes.rows))
+        for pair in ((lanes, label), (label, lanes)):
+            assert 0 <= score_picture(*pair).values["ego accuracy"][0] <= 1 or len(lanes.rows)
 
 
 @examples(40)

@@ -138,7 +138,7 @@ def line(text: str) -> Spoil:
     return spoil
 
 
-THIRD = "line 3 is not a label"
+THIRD = "line 3 is not a "
 LABELS = {
     "nonsense in line 3": (line("nonsense"), THIRD),
     "a number in line 3": (line("7"), THIRD),

@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmark.labels.tusimple import NO_POINT, LaneColumns, picture_is_right
 from lanes.camera import Camera, CameraPose
 from lanes.detect.lane import Lane
 from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
+from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns
 from lanes.pose import estimate_pose
+from lanes.score import score_picture
 from simulator.rendering.render import Frame, render_frame
 from simulator.road.geometry import FLAT
 from simulator.scenes.suite import SUITE
@@ -58,12 +59,13 @@ def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
         if not seen.any():
             continue
         columns[side] = np.interp(rows, v[seen][::-1], u[seen][::-1], left=NO_POINT, right=NO_POINT)
-    return LaneColumns(scene, rows, np.where((columns >= 0) & (columns < camera.width), columns, NO_POINT))
+    return LaneColumns(scene, rows, np.where((columns >= 0) & (columns < camera.width), columns, NO_POINT), EGO_SIDES)
 
 
 def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
     """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
-    return bool(picture_is_right(label, LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows))))
+    found = LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows), EGO_SIDES)
+    return bool(score_picture(label, found).right)
 
 
 def find_with_own_pose(image: np.ndarray, hfov_deg: float = DEFAULT_HFOV_DEG) -> tuple[Camera | None, Lane | None]:

@@ -10,21 +10,21 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import z_summary
-from benchmark.labels.stills import (
+from benchmark.labelled_stills import (
     LABEL_STD_PX,
     StillCheck,
     all_z,
     check_lane,
     describe_checks,
-    split_folders,
     summarize_checks,
 )
-from benchmark.labels.tusimple import NO_POINT, LaneColumns, read_labels
 from lanes.camera import save_camera
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import lines_on_view
 from lanes.images import write_image
+from lanes.labels import NO_POINT, LaneColumns
+from lanes.score import score_picture
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.shapes import a_lane
@@ -43,7 +43,7 @@ def write_lines(path: Path, entries: list[dict]) -> None:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """Labelled stills of two cameras with different poses, black ones of a third one, and predictions for the first."""
+    """Labelled stills of two cameras with different poses, and black ones of a third one."""
     folder, rows, entries = tmp_path_factory.mktemp("cameras"), np.arange(230, 311, 5), []
     for name, pose in POSES.items():
         drive = replace(BENDS, camera=SMALL.with_pose(pose))
@@ -56,11 +56,10 @@ def folder(tmp_path_factory) -> Path:
             entries.append({"raw_file": f"{name}/{k}.png", "h_samples": rows.tolist(), "lanes": lanes})
             write_image(folder / f"{name}/{k}.png", drive.frame(k / 5))
     write_lines(folder / "low.jsonl", entries[:4])
-    swapped = entries[0] | {"lanes": entries[0]["lanes"][::-1]}
-    write_lines(folder / "predictions.jsonl", [swapped, *entries[1:4]])
     write_image(folder / "black" / "0.png", np.zeros((360, 640, 3), np.uint8))
     write_lines(folder / "all.jsonl", [*entries, entries[0] | {"raw_file": "black/0.png"}])
     save_camera(SMALL.with_pose(None), folder / "lens.yaml")
+    save_camera(SMALL, folder / "low.yaml")
     return folder
 
 
@@ -71,9 +70,9 @@ def test_each_folder_has_its_own_pose(folder, capsys):
     said = ("low: 4 stills; z at 8/15/25 m: ", "high: 4 stills; z at 8/15/25 m: ", "black: 1 stills; ")
     assert [line.startswith(words) for line, words in zip(lines, said, strict=False)] == [True] * 3
     (scores,) = (line.split() for line in lines if line.startswith("tracker "))
-    assert scores[1:3] == ["18", "0.889"]  # the black still has none of its two lines
-    (confident,) = (line.split() for line in lines if line.startswith("right lanes with 0.9"))
-    assert confident[-1] == "8"
+    assert [scores[1], scores[-2]] == ["9", "0.889"]  # the black still has none of its two lines
+    (confident,) = (line.split() for line in lines if line.startswith("0.9 or more "))
+    assert confident[3:5] == ["8", "8"]
 
 
 def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(folder, capsys):
@@ -81,31 +80,31 @@ def test_systems_are_scored_with_an_estimated_pose_where_the_camera_has_none(fol
     said = capsys.readouterr().out
     assert "height" in said
     rows = {line.split()[0]: line.split() for line in said.splitlines() if line}
-    assert rows["tracker"][1:3] == ["8", "1.000"]
-    assert rows["best_channel"][1] == "8"
+    assert rows["tracker"][1:3] == ["4", "1.000"]
+    assert rows["best_channel"][1] == "4"
 
 
-def test_predictions_are_scored(folder, capsys):
-    files = [str(folder / name) for name in ("low.jsonl", "predictions.jsonl")]
-    assert main(["benchmark", "--labels", files[0], "--predictions", files[1]]) == 0
-    said = capsys.readouterr().out
-    (row,) = (line for line in said.splitlines() if line.startswith("predictions.jsonl"))
-    assert row.split()[1:-2] == ["8", "0.750", "0.750", "0.250", "0.250"]
-    assert "not the official score" in said
+def test_the_scores_are_those_of_the_command_score(folder, tmp_path, capsys):
+    labels, found = str(folder / "low.jsonl"), str(tmp_path / "found.jsonl")
+    camera = ["--camera", str(folder / "low.yaml")]
+    assert main(["benchmark", "--labels", labels, *camera, "--system", "detector"]) == 0
+    by_benchmark = [line.split() for line in capsys.readouterr().out.splitlines()]
+    stills = [str(folder / f"low/{k}.png") for k in range(4)]
+    assert main(["detect", *camera, "--rows", "230:311:5", "-o", found, *stills]) == 0
+    capsys.readouterr()
+    assert main(["score", labels, found, "-o", str(tmp_path / "score.html")]) == 0
+    by_score = [line.split() for line in capsys.readouterr().out.splitlines()]
+    (detector,) = (row[1:] for row in by_benchmark if row[:1] == ["detector"])
+    assert detector == next(row[1:] for row in by_score if row[:1] == ["all"])
+    ranges = [[row for row in rows if row[:1] in (["0.9"], ["0.5"], ["below"])] for rows in (by_benchmark, by_score)]
+    # a detection's confidence is rounded to four decimals
+    assert [row[:-2] for row in ranges[0]] == [row[:-2] for row in ranges[1]] and len(ranges[0]) == 3
+    assert float(ranges[0][0][-2]) == pytest.approx(float(ranges[1][0][-2]), abs=0.0011)
 
 
-@pytest.mark.parametrize("option", ["--predictions", "--camera"])
-def test_missing_files_are_named(folder, option, capsys):
-    assert main(["benchmark", "--labels", str(folder / "low.jsonl"), option, str(folder / "no.file")]) == 2
+def test_missing_files_are_named(folder, capsys):
+    assert main(["benchmark", "--labels", str(folder / "low.jsonl"), "--camera", str(folder / "no.file")]) == 2
     assert "no.file" in capsys.readouterr().err
-
-
-def test_folders_are_the_first_part_of_the_path(tmp_path):
-    names = "a/x/1.jpg", "b/2.jpg", "a\\3.jpg"
-    write_lines(tmp_path / "labels.jsonl", [{"raw_file": name, "h_samples": [], "lanes": []} for name in names])
-    folders = split_folders(read_labels(tmp_path / "labels.jsonl"))
-    names = {name: [label.name for label in some] for name, some in folders.items()}
-    assert names == {"a": ["a/x/1.jpg", "a/3.jpg"], "b": ["b/2.jpg"]}
 
 
 def lane_of(model: np.ndarray, covariance: np.ndarray = np.diag(STD**2)) -> Lane:  # noqa: B008
@@ -154,26 +153,23 @@ def test_errors_of_the_pitch_are_not_in_the_picture_where_the_width_makes_up_for
 
 def test_another_line_and_missing_labels_are_left_out():
     far = check_lane(lane_of(TRUE), label_of(TRUE + a_lane(centre=1.5, width=0.0)), CAMERA)
-    assert np.isnan(far.z).all() and far.other_lines == 6 and far.right is False
+    assert np.isnan(far.z).all() and far.other_lines == 6 and far.score.right is False
     label = label_of(TRUE)
     label.columns[0] = NO_POINT
     one = check_lane(lane_of(TRUE), label, CAMERA)
-    assert np.isnan(one.z[0]).all() and np.abs(one.z[1]).max() < 0.01 and one.right
+    assert np.isnan(one.z[0]).all() and np.abs(one.z[1]).max() < 0.02 and one.score.right
     label.columns[1] = NO_POINT
-    assert check_lane(lane_of(TRUE), label, CAMERA).right is None
+    assert check_lane(lane_of(TRUE), label, CAMERA).score.right is False  # no lane is labelled
 
 
 def test_right_lanes_are_counted_by_confidence():
-    nothing = np.full((2, 3), np.nan)
-    stated = [(0.95, True), (0.9, True), (0.99, False), (0.7, True), (0.5, False), (0.2, True), (0.95, None)]
-    checks = [StillCheck(nothing, 1, *pair) for pair in stated]
+    label, checks = label_of(TRUE), []
+    for confidence, shift_px in [(0.95, 0), (0.9, 0), (0.99, 90), (0.7, 0), (0.5, 90), (0.2, 0)]:
+        found = replace(label_of(TRUE, shift_px), confidence=confidence)
+        checks.append(StillCheck(np.full((2, 3), np.nan), 1, score_picture(label, found)))
     lines = describe_checks(checks).splitlines()
-    cells = {" ".join(line.split()[:-3]): line.split()[-3:] for line in lines if " of " in line}
-    assert {name: f"{a}/{b}" for name, (a, _, b) in list(cells.items())[:4]} == {
-        "confidence 0.9 or more": "2/3",
-        "confidence 0.5 to 0.9": "1/2",
-        "confidence below 0.5": "1/1",
-        "right lanes with 0.9 or more": "2/4",
-    }
-    assert "left out, error above 1 m: 7" in lines
-    assert summarize_checks(checks).endswith("0.9 or more: 2 of 3 right, 2 of 4 of the right lanes")
+    ranges = ("0.9 or more", "0.5 to 0.9", "below 0.5")
+    cells = {name: line.split()[-4:-2] for line in lines for name in ranges if line.startswith(name)}
+    assert cells == dict(zip(ranges, (["3", "2"], ["2", "1"], ["1", "1"]), strict=True))
+    assert "left out, error above 1 m: 6" in lines
+    assert summarize_checks(checks).endswith("0.9 or more: 2 of 3 right, 50% of the right lanes")

@@ -1,0 +1,141 @@
+"""Lane lines in pictures as TuSimple JSON lines, labelled or predicted by any program; and the ego lane among them.
+
+Each line of a file is a JSON object with `raw_file` (the picture; that of a label is relative to the file), `h_samples`
+(rows; without them a prediction is at the rows of its label) and `lanes` (columns at these rows, -2 without a point).
+Optional are `sides` (the name of each line, "left" and "right" for the ego lane) and `confidence` (0 to 1).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from lanes.files import read_text
+from lanes.images import MAX_PIXELS
+
+NO_POINT, EGO_SIDES = -2.0, ("left", "right")
+# Enough for a hundred thousand pictures with six lines at 56 rows.
+MAX_LABEL_FILE_BYTES = 200_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class LaneColumns:
+    """The lines in a picture, with columns (K, R) at rows (R,), pixels, -2 without a point; `sides` are their names.
+
+    `name` is `raw_file`, with / between its folders.
+    """
+
+    name: str
+    rows: np.ndarray
+    columns: np.ndarray
+    sides: tuple[str, ...] = ()
+    confidence: float | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether no line has a point: the label of a picture without a lane."""
+        return not (self.columns >= 0).any()
+
+    @property
+    def folder(self) -> str:
+        """The first folder in `name`; "." without one."""
+        return [*PurePosixPath(self.name).parts[:-1], "."][0]
+
+    def at(self, rows: np.ndarray) -> np.ndarray:
+        """Columns (K, N) at rows (N,); -2 in rows that are not in `rows`."""
+        index = {row: k for k, row in enumerate(self.rows.tolist())}
+        columns = np.pad(self.columns, ((0, 0), (0, 1)), constant_values=NO_POINT)
+        return columns[:, [index.get(row, -1) for row in np.asarray(rows, float).tolist()]]
+
+    def ego_lane(self, size: tuple[int, int]) -> LaneColumns:
+        """Its left and right line in a picture of `size` (width, height); a line that is missing has no points.
+
+        Without names they are the nearest ones left and right of the bottom centre; two lines are always both of them.
+        """
+        width, height = size
+        feet = np.array([_foot(self.rows, line, height - 1) for line in self.columns]) - (width - 1) / 2
+        if self.sides:
+            chosen = [self.sides.index(side) if side in self.sides else -1 for side in EGO_SIDES]
+        elif len(feet) == 2:
+            chosen = [1, 0] if feet[0] > feet[1] else [0, 1]  # a line without points, whose foot is NaN, stays in place
+        else:
+            near = [np.where(side, np.abs(feet), np.inf) for side in (feet <= 0, feet > 0)]
+            chosen = [int(far.argmin()) if np.isfinite(far).any() else -1 for far in near]
+        with_empty = np.pad(self.columns, ((0, 1), (0, 0)), constant_values=NO_POINT)
+        return replace(self, columns=with_empty[chosen], sides=EGO_SIDES)
+
+
+def _foot(rows: np.ndarray, line: np.ndarray, bottom: int) -> float:
+    """Column where the extended lower half of a line meets the bottom of the picture; NaN with fewer than 2 points."""
+    labelled = np.flatnonzero(line >= 0)
+    if len(labelled) < 2:
+        return np.nan
+    low = labelled[np.argsort(rows[labelled])][-max(2, len(labelled) // 2) :]
+    return float(np.polyfit(rows[low] - bottom, line[low], 1)[1])
+
+
+def read_labels(path: str | Path) -> list[LaneColumns]:
+    """The labelled lines of each picture; ValueError if a line is not a label, or its picture lies elsewhere."""
+    labels = _read(path, "label")
+    for name in (label.name for label in labels):
+        if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
+            where = "lies outside of the folder of the labels; put it there, and write its path relative to that folder"
+            raise ValueError(f"{path}: the picture {name!r} {where}.")
+    return labels
+
+
+def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[LaneColumns | None]:
+    """The prediction for the picture of each label; None without one.
+
+    The files may use different folders: paths are compared from their end, over as many parts as tell the pictures
+    apart. Raises ValueError if a line is not a prediction, if two labels or two predictions are for the same picture,
+    or if no prediction is for a labelled one.
+    """
+    predictions = _read(path, "prediction", {label.name: label.rows for label in labels})
+    for depth in range(1, 1 + max((len(PurePosixPath(label.name).parts) for label in labels), default=1)):
+        names, found = ([PurePosixPath(some.name).parts[-depth:] for some in lines] for lines in (labels, predictions))
+        both = [name for name in found if name in set(names)]
+        if len(set(names)) == len(names) and len(set(both)) == len(both):
+            break
+    else:
+        raise ValueError(f"{path}: two labels or two predictions are for the same picture; remove one.")
+    if labels and not both:
+        raise ValueError(f"{path}: no prediction is for a labelled picture; the names in raw_file must agree.")
+    by_name = dict(zip(found, predictions, strict=True))
+    return [by_name.get(name) for name in names]
+
+
+def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None) -> list[LaneColumns]:
+    """The lines in a file; predictions without `h_samples` are at the rows in `rows_of`, or left out."""
+    found = []
+    # Not splitlines: it also splits at characters that JSON allows inside strings.
+    lines = read_text(path, kind, max_bytes=MAX_LABEL_FILE_BYTES).split("\n")
+    for number, line in ((number, line) for number, line in enumerate(lines, 1) if line.strip()):
+        try:
+            entry = json.loads(line)
+            name = entry["raw_file"].replace("\\", "/")  # a file written on Windows has backslashes
+            if rows_of is None or "h_samples" in entry or name in rows_of:
+                found.append(_parse(name, entry.get("h_samples", (rows_of or {}).get(name)), entry))
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+            reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
+            needs = "it needs raw_file, h_samples, and lanes with a column for each of these rows"
+            raise ValueError(f"{path}: line {number} is not a {kind} ({reason:.200}); {needs}.") from error
+    if not found:
+        raise ValueError(f"{path}: holds no lanes; give JSON lines with raw_file, h_samples and lanes.")
+    return found
+
+
+def _parse(name: str, h_samples: object, entry: dict) -> LaneColumns:
+    sides, confidence, rows = entry.get("sides") or [], entry.get("confidence"), np.array(h_samples, float)
+    columns = np.array(entry["lanes"] or np.empty((0, rows.size)), float)
+    if not name or rows.ndim != 1 or columns.ndim != 2 or columns.shape[1] != len(rows):
+        raise ValueError(f"raw_file {name!r}, h_samples of shape {rows.shape}, lanes of shape {columns.shape}")
+    if not ((rows >= 0) & (rows < MAX_PIXELS)).all() or not (np.abs(columns) < MAX_PIXELS).all():
+        raise ValueError("a point is outside of any picture")
+    if len(sides) not in (0, len(columns)) or not 0 <= (confidence or 0) <= 1:
+        raise ValueError("sides does not name each of the lanes, or confidence is not a number from 0 to 1")
+    return LaneColumns(name, rows, columns, tuple(sides), confidence)

@@ -1,0 +1,149 @@
+"""Scores of lines in labelled pictures: TuSimple's official score, its ego-lane variant, and errors in metres.
+
+The rules are those of TuSimple's lane detection challenge: a point is correct within 20 px over the cosine of the
+line's angle, and a line is matched if 85 % of its points are correct. TuSimple's pictures are 1280 px wide; in others
+the tolerance is scaled with the width.
+
+The official score counts all lines, each label with its best prediction, and all rows: one without a labelled point is
+correct if the prediction has none either. A prediction that matches no label is false, also one without points. In the
+ego-lane variant left is compared with left and right with right, and only rows with a labelled point count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lanes.camera import Camera
+from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
+from lanes.labels import LaneColumns
+
+# TuSimple's tolerance of a point, accuracy of a matched line, and size of its pictures. A line with fewer labelled
+# points than the last number has no reliable direction and is not scored.
+TOLERANCE_PX, MATCH_ACCURACY, TUSIMPLE_SIZE, MIN_POINTS = 20.0, 0.85, (1280, 720), 4
+# The official score of a picture is 0 with more surplus predictions than this. Of more labelled lines than the second,
+# the worst is left out. Missing points are put at the third, so that they are far from all others.
+MAX_SURPLUS, MAX_LABELLED, MISSING_PX = 2, 4, -100.0
+# The numbers of a picture's score: shares, and lateral errors in metres at these distances.
+SHARES = ("right", "TuSimple", "FP", "FN", "ego accuracy", "ego matched")
+DISTANCES = tuple(f"{x_m:g} m" for x_m in CORRECT_AT_M)
+MAX_WORST = 20
+Table = Mapping[str, Mapping[str, float]]
+
+
+@dataclass(frozen=True, eq=False)
+class PictureScore:
+    """Score of a prediction for a labelled picture of `size` (width, height).
+
+    `values` has an array for each of `SHARES` and `DISTANCES`, NaN where nothing can be compared: the official score
+    ("TuSimple", "FP", "FN"); of the left and the right ego line the share of the labelled points that are correct, and
+    the lateral error, positive left. `right` says whether all lines with enough labelled points are matched, None
+    without any; if no lane is labelled, whether none is predicted, or with a confidence below 0.5.
+    """
+
+    label: LaneColumns
+    prediction: LaneColumns
+    size: tuple[int, int]
+    right: bool | None
+    values: dict[str, np.ndarray]
+
+
+def score_picture(
+    label: LaneColumns, found: LaneColumns | None, size: tuple[int, int] = TUSIMPLE_SIZE, camera: Camera | None = None
+) -> PictureScore:
+    """The score of a prediction, None for no lines; lateral errors are only known with a camera that has a pose."""
+    found = found or LaneColumns(label.name, label.rows, np.empty((0, len(label.rows))))
+    true, ego, scale = label.ego_lane(size), found.ego_lane(size), size[0] / TUSIMPLE_SIZE[0]
+    columns, labelled = ego.at(label.rows), true.columns >= 0
+    error_px = np.where(columns >= 0, np.abs(columns - true.columns), np.inf)
+    correct = labelled & (error_px < _tolerances_px(true, scale))
+    points = labelled.sum(axis=1)
+    accuracy = np.where(points >= MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
+    matched = np.where(np.isfinite(accuracy), accuracy >= MATCH_ACCURACY, np.nan)
+    right = bool(np.nanmin(matched)) if np.isfinite(matched).any() else None
+    if label.empty:
+        right = found.empty or (found.confidence is not None and found.confidence < LIKELY_CONFIDENCE)
+    official = (np.nan,) * 3 if label.empty else _official_score(label, found.at(label.rows), scale)
+    lateral_m = lateral_errors_m(true, ego, camera).T if camera else np.full((len(DISTANCES), 2), np.nan)
+    numbers = np.nan if right is None else right, *official, accuracy, matched, *lateral_m
+    values = {name: np.atleast_1d(some) for name, some in zip(SHARES + DISTANCES, numbers, strict=True)}
+    return PictureScore(label, found, size, right, values)
+
+
+def _official_score(label: LaneColumns, predicted: np.ndarray, scale: float) -> tuple[float, float, float]:
+    """TuSimple's accuracy, FP and FN of predicted columns (K, R); the time they took does not count."""
+    lines, count = len(label.columns), min(len(label.columns), MAX_LABELLED)
+    if len(predicted) > lines + MAX_SURPLUS:
+        return 0.0, 0.0, 1.0
+    found, true = (np.where(columns >= 0, columns, MISSING_PX) for columns in (predicted, label.columns))
+    correct = np.abs(found - true[:, None]) < _tolerances_px(label, scale)[:, None]
+    best = correct.mean(axis=2).max(axis=1, initial=0.0)
+    matched, left_out = int((best >= MATCH_ACCURACY).sum()), lines > MAX_LABELLED
+    false = (len(predicted) - matched) / max(len(predicted), 1)
+    missed = lines - matched - (left_out and lines > matched)
+    return float(best.sum() - left_out * best.min()) / count, false, missed / count
+
+
+def _tolerances_px(label: LaneColumns, scale: float) -> np.ndarray:
+    """Tolerance (K, 1) of each line's points: by the angle, from the vertical, of the straight line through them."""
+    known = [(label.rows[line >= 0], line[line >= 0]) for line in label.columns]
+    slopes = [np.polyfit(*points, 1)[0] if len(points[0]) > 1 else 0.0 for points in known]
+    return TOLERANCE_PX * scale * np.hypot(1, slopes)[:, None]
+
+
+def lateral_errors_m(true: LaneColumns, ego: LaneColumns, camera: Camera, x_m: np.ndarray = CORRECT_AT_M) -> np.ndarray:
+    """Lateral errors (2, D), positive left, of both lines at D distances on a flat road, metres; NaN where one ends."""
+    y_m = np.empty((2, 2, len(x_m)))
+    for at, lane in enumerate((true, ego)):
+        for side, columns in enumerate(lane.columns):
+            road_m = camera.pixels_to_road(np.column_stack([columns, lane.rows])[columns >= 0])
+            points = sorted(road_m[np.isfinite(road_m).all(axis=1)].tolist()) or [[np.inf, np.nan]]
+            y_m[at, side] = np.interp(x_m, [x for x, _ in points], [y for _, y in points], np.nan, np.nan)
+    return y_m[1] - y_m[0]
+
+
+def summarize(scores: Sequence[PictureScore], names: Sequence[str] = SHARES) -> dict[str, float]:
+    """Number of pictures, means of the shares, and medians and 95th percentiles of the lateral errors."""
+    row: dict[str, float] = {"stills": len(scores)}
+    for name in names:
+        values = np.abs(np.concatenate([score.values[name] for score in scores]))
+        known = values[np.isfinite(values)] if np.isfinite(values).any() else [np.nan]
+        if name in SHARES:
+            row[name] = float(np.mean(known))
+        else:
+            row |= {name: float(np.median(known)), f"{name}, 95 %": float(np.percentile(known, 95))}
+    return row
+
+
+def reliability(scores: Iterable[PictureScore]) -> Table:
+    """For each range of stated confidence the number of lanes, of right ones, and their share of all right ones."""
+    lanes = [
+        s for s in scores if s.prediction.confidence is not None and s.right is not None and not s.prediction.empty
+    ]
+    stated = np.array([s.prediction.confidence for s in lanes], float)
+    right = np.array([s.right and not s.label.empty for s in lanes], bool)
+    levels = np.searchsorted([LIKELY_CONFIDENCE, SURE_CONFIDENCE], stated, side="right")
+    table: dict[str, dict[str, float]] = {}
+    for level, name in ((2, "0.9 or more"), (1, "0.5 to 0.9"), (0, "below 0.5")):
+        counts = {"lanes": int((levels == level).sum()), "right": int(right[levels == level].sum())}
+        mean = float(stated[levels == level].mean()) if counts["lanes"] else np.nan
+        table[name] = {**counts, "mean stated": mean, "of right lanes": counts["right"] / max(int(right.sum()), 1)}
+    return table
+
+
+def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
+    """Scores, lateral errors and reliability of all pictures and of each top folder; scores of the worst pictures."""
+    names = ["all", *dict.fromkeys(score.label.folder for score in scores)]
+    folders = {name: [s for s in scores if name in ("all", s.label.folder)] for name in names}
+    tables: dict[str, Table] = {"scores": {name: summarize(some) for name, some in folders.items()}}
+    if any(np.isfinite(score.values[name]).any() for score in scores for name in DISTANCES):
+        tables["lateral errors, metres"] = {name: summarize(some, DISTANCES) for name, some in folders.items()}
+    if any(score.prediction.confidence is not None for score in scores):
+        tables["confidence"] = reliability(scores)
+    rows = {score.label.name: summarize([score]) for score in scores}
+    # without a labelled lane there is no accuracy; last are pictures in which nothing can be compared
+    key = {name: (row["right"], np.nan_to_num(row["ego accuracy"], nan=row["right"])) for name, row in rows.items()}
+    worst = sorted(rows, key=lambda name: np.nan_to_num(key[name], nan=2.0).tolist())
+    return tables | {"worst stills": {name: rows[name] for name in worst[:MAX_WORST]}}
