@@ -49,9 +49,9 @@ def open_video(path: str | Path) -> InputContainer:
     return container
 
 
-def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
-    """The undamaged frames of a stream in order: of video or sound."""
-    ordered = stream.type == "video" and container.format.name in WITHOUT_PRESENTATION_TIMES
+def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+    """The undamaged frames of a video stream in order."""
+    ordered = container.format.name in WITHOUT_PRESENTATION_TIMES
     stamps: list[int] = []  # of packets whose frames are not decoded yet
     for packet in read_packets(container, stream):
         if ordered and packet.size and packet.pts is not None:

@@ -18,14 +18,11 @@ from av.video.reformatter import ColorRange, VideoReformatter
 from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
-from lanes.video.container import MAX_FPS, MIN_FPS, decode_frames, open_video, start_time, translate_errors
+from lanes.video.container import MAX_FPS, MIN_FPS, open_video, start_time, translate_errors
 from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, ColourTags, inspect_video
 
-# Audio codecs that mp4 allows and browsers play. Any other is re-encoded as AAC, also MP3, which mp4 does not allow at
-# every sampling rate.
-_COPIED_CODECS = {"aac", "opus", "flac"}
-# Sampling rate of re-encoded sound whose own rate AAC does not have, Hz.
-_SOUND_RATE_HZ = 48_000
+# Audio codecs that mp4 allows at every sampling rate, and browsers play.
+SOUND_CODECS = {"aac", "opus", "flac"}
 # Matrix code points of BT.601: ITU-T H.273, table 4.
 BT601_MATRICES = {5, 6}
 # x264's default for constant quality.
@@ -51,8 +48,8 @@ class VideoWriter:
     colours : ColourTags
         Colour space that the RGB images are encoded in, and tagged with.
     sound_from : str or Path, optional
-        A video whose sound is copied or re-encoded, from the time of the first written frame to that of the last. Sound
-        that cannot be decoded is left out.
+        A video whose sound is copied, from the time of the first written frame to that of the last, if it has one of
+        `SOUND_CODECS`.
 
     Raises
     ------
@@ -175,7 +172,7 @@ class VideoWriter:
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
+                self._sound.write_until((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
@@ -193,68 +190,43 @@ class VideoWriter:
 
 
 class SoundTrack:
-    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
+    """The first sound track of `source` in one of `SOUND_CODECS`, copied to `target` interleaved with the frames."""
 
     def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
         self._source, self._target, self._start_s = source, target, start_s
-        # A track in a codec that FFmpeg does not know has no codec context; it is left out.
-        self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
-        self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
-        self._pieces: Iterator[tuple[float, av.Packet | av.AudioFrame]] = iter(())
-        if self._input is not None:
-            known = self._input.rate in (av.Codec("aac", "w").audio_rates or ())
-            self._output = (
-                target.add_stream_from_template(self._input)
-                if self._copied
-                else target.add_stream("aac", rate=self._input.rate if known else _SOUND_RATE_HZ)
-            )
-            self._pieces = self._from_start(self._input)
-        self._next = next(self._pieces, None)
+        # A track in a codec that FFmpeg does not know has no codec context.
+        known = (track for track in source.streams.audio if track.codec_context)
+        track = next((track for track in known if track.codec_context.name in SOUND_CODECS), None)
+        self._packets = iter(()) if track is None else self._from_start(track)
+        self._next = next(self._packets, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None and self._next[0] < time_s:
-            self._write(self._next[1])
-            self._next = next(self._pieces, None)
+            # FFmpeg refuses, for instance, damaged packets and repeated time stamps; the video goes on.
+            with suppress(ValueError):
+                self._target.mux(self._next[1])
+            self._next = next(self._packets, None)
 
-    def finish(self, time_s: float) -> None:
-        """Write the sound before `time_s` and flush the encoder."""
-        self.write_until(time_s)
-        if self._input is not None and not self._copied:
-            self._write(None)
-
-    def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
-        """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""
-        if isinstance(piece, av.Packet):
-            piece.stream = self._output
-        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and a changed number of channels.
-        with suppress(ValueError):
-            self._target.mux(piece if isinstance(piece, av.Packet) else self._output.encode(piece))
-
-    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
-        """Packets to copy or frames to encode from `start_s` on, with their times since then."""
-        path = self._source.name.removeprefix("file:")
+    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet]]:
+        """Packets from `start_s` on, for the output, with their times since then."""
+        path, output = self._source.name.removeprefix("file:"), self._target.add_stream_from_template(sound)
         zero_s = self._start_s + float(start_time(self._source.streams.video[0], path))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
-        pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, path):
-            if piece.pts is None:
+        for packet in translate_errors(self._source.demux(sound), path):
+            if packet.pts is None:
                 continue
-            time_s = float(piece.pts * piece.time_base) - zero_s
+            time_s = float(packet.pts * packet.time_base) - zero_s
             if time_s < last_s - CLOCK_RESET_S:
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s
-            if not self._copied:
-                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
-                piece.time_base = Fraction(1, piece.sample_rate)
-            piece.pts = round(time_s / piece.time_base)
-            if self._copied:
-                piece.dts = piece.pts
-            if piece.pts >= 0:
-                yield time_s, piece
+            packet.stream, packet.pts = output, round(time_s / packet.time_base)
+            packet.dts = packet.pts
+            if packet.pts >= 0:
+                yield time_s, packet
 
 
 def open_mp4(
