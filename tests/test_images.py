@@ -20,7 +20,7 @@ from lanes.explain import explain
 from lanes.images import read_image, require_rgb, write_image
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker
-from lanes.video.reader import ColourTags, read_video
+from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 from tests.support.bad_files import jpeg_claiming
 from tests.support.painted_drive import SMALL, tracked_bends
@@ -131,8 +131,8 @@ def written(image: np.ndarray, folder: Path) -> np.ndarray:
     return read_image(write_image(folder / "a.png", image))
 
 
-def encoded(image: np.ndarray, folder: Path, matrix: int = 6) -> np.ndarray:
-    with VideoWriter(folder / "a.mp4", fps=25, colours=ColourTags(matrix)) as writer:
+def encoded(image: np.ndarray, folder: Path) -> np.ndarray:
+    with VideoWriter(folder / "a.mp4", fps=25) as writer:
         writer.write(image)
     return next(read_video(folder / "a.mp4"))
 
@@ -150,7 +150,6 @@ TAKE_IMAGES = {
     "require_rgb": lambda image, _: require_rgb(image),
     "write_image": written,
     "VideoWriter": encoded,
-    "VideoWriter, BT.709": lambda image, folder: encoded(image, folder, 1),
     "draw_lane_between": lambda image, _: draw_lane_between(image, LINE_PX, LINE_PX + 50),
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),

@@ -48,7 +48,7 @@ def process_video(
     ----------
     source, target : str or Path
         `target` ends in .mp4 and is written atomically: after an exception, Ctrl-C or SIGTERM an earlier file of that
-        name is unchanged, and no other file remains. It has the frame rate, time stamps and colour space of `source`.
+        name is unchanged, and no other file remains. It has the frame rate and time stamps of `source`.
     function : callable
         Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an RGB image, or a pair of that
         and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's thread. All
@@ -85,7 +85,7 @@ def process_video(
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
-    writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
+    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from)
     try:
         takes_time = "elapsed_s" in inspect.signature(function).parameters
     except ValueError:

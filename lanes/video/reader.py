@@ -18,7 +18,7 @@ from pathlib import Path
 import av
 import numpy as np
 from av.container import InputContainer
-from av.video.reformatter import ColorRange, VideoReformatter
+from av.video.reformatter import VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.video.container import (
@@ -50,32 +50,6 @@ TURNED = (1, 8, 3, 6)
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
 SAME_RATE = 0.02
-# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
-UNSPECIFIED = 2
-# Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
-YUV_MATRICES = {1, 4, 5, 6, 7, 9}
-
-
-@dataclass(frozen=True)
-class ColourTags:
-    """Colour space of a video in code points of Recommendation ITU-T H.273, tables 2 to 4.
-
-    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235 (MPEG; the
-    full range is JPEG's), with the primaries and the transfer function of BT.709.
-    """
-
-    matrix: int = 6
-    range: int = ColorRange.MPEG
-    primaries: int = 1
-    transfer: int = 1
-
-    @classmethod
-    def of(cls, frame: av.VideoFrame) -> ColourTags:
-        """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
-        matrix = frame.colorspace if frame.colorspace in YUV_MATRICES else cls.matrix
-        primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-        full = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
-        return cls(int(matrix), ColorRange.JPEG if full else ColorRange.MPEG, primaries, transfer)
 
 
 @dataclass(frozen=True)
@@ -93,7 +67,6 @@ class VideoInfo:
     duration_s: float
     has_audio: bool
     missing: int = 0
-    colours: ColourTags = ColourTags()
     note: str = ""
 
 
@@ -142,7 +115,6 @@ def inspect_video(path: str | Path) -> VideoInfo:
             duration_s=round(float((len(stamps) + gaps) / rate), 6),
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
-            colours=ColourTags.of(first),
             note=_describe_unread(Path(path), end_byte),
         )
 

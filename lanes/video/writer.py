@@ -13,27 +13,27 @@ import av
 import cv2
 import numpy as np
 from av.container import InputContainer, OutputContainer
-from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
 from lanes.video.container import MAX_FPS, MIN_FPS, open_video, start_time, translate_errors
-from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, ColourTags, inspect_video
+from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, inspect_video
 
 # Audio codecs that mp4 allows at every sampling rate, and browsers play.
 SOUND_CODECS = {"aac", "opus", "flac"}
-# Matrix code points of BT.601: ITU-T H.273, table 4.
-BT601_MATRICES = {5, 6}
 # x264's default for constant quality.
 CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 ENCODER_THREADS = 4
+# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg assumes for videos without tags;
+# players disagree on these.
+COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `COLOUR_TAGS`.
 
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
     the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
@@ -45,8 +45,6 @@ class VideoWriter:
         Ends in .mp4; the folder is created where needed.
     fps : float
         Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
-    colours : ColourTags
-        Colour space that the RGB images are encoded in, and tagged with.
     sound_from : str or Path, optional
         A video whose sound is copied, from the time of the first written frame to that of the last, if it has one of
         `SOUND_CODECS`.
@@ -62,7 +60,6 @@ class VideoWriter:
         path: str | Path,
         *,
         fps: float,
-        colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
         sound_from: str | Path | None = None,
     ) -> None:
         self.path = Path(path)
@@ -76,8 +73,7 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._colours, self._sound_from = colours, sound_from
-        self._converter = VideoReformatter()
+        self._sound_from = sound_from
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
         self._container: OutputContainer | None = None
@@ -118,8 +114,9 @@ class VideoWriter:
             raise VideoError(f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size.")
         if height % 2 or width % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-        frame = self._to_yuv(image)
-        _tag(frame, self._colours)
+        planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
+        frame = av.VideoFrame.from_ndarray(np.asarray(planes, np.uint8), format="yuv420p")
+        _tag(frame)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -134,28 +131,13 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> OutputContainer:
         size = frame.width, frame.height
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick)
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
             source = self._resources.enter_context(open_video(self._sound_from))
             self._sound = SoundTrack(source, container, start_s=self._zero_s)
         return container
-
-    def _to_yuv(self, image: np.ndarray) -> av.VideoFrame:
-        """The image in YUV 4:2:0; its width and height are even."""
-        if self._colours.matrix in BT601_MATRICES and self._colours.range != ColorRange.JPEG and len(image) % 4 == 0:
-            # A third of FFmpeg's time, for untagged videos in particular. PyAV miscounts the rows of other heights.
-            planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-            return av.VideoFrame.from_numpy_buffer(np.asarray(planes, np.uint8), format="yuv420p")
-        return self._converter.reformat(
-            av.VideoFrame.from_numpy_buffer(image, format="rgb24"),
-            format="yuv420p",
-            src_color_range=ColorRange.JPEG,
-            dst_colorspace=self._colours.matrix,
-            dst_color_range=self._colours.range,
-            threads=1,
-        )
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -230,7 +212,7 @@ class SoundTrack:
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags
+    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction
 ) -> tuple[OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
@@ -241,14 +223,13 @@ def open_mp4(
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
     codec.thread_count = ENCODER_THREADS
-    # Players disagree on the colours of video without these tags.
-    _tag(codec, colours)
+    _tag(codec)
     return container, stream
 
 
-def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> None:
-    target.colorspace, target.color_primaries = colours.matrix, colours.primaries
-    target.color_trc, target.color_range = colours.transfer, colours.range
+def _tag(target: av.VideoCodecContext | av.VideoFrame) -> None:
+    for name, code in COLOUR_TAGS.items():
+        setattr(target, name, code)
 
 
 def _close_quietly(container: OutputContainer) -> None:
