@@ -291,8 +291,6 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
-    if info.note:
-        lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound is neither AAC, Opus nor FLAC; {target} has no sound")
     if change := find_pose_change(telemetry):

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass
@@ -36,14 +35,10 @@ from lanes.video.container import (
 STAMP_TOLERANCE_S = 1e-3
 # The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
 MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
-# Largest share of a file's bytes behind the last packet, as of an index.
-MAX_INDEX_SHARE = 0.3
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
 CLOCK_RESET_S = 0.25
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
-# Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
-MAX_BOXES = 100_000
 # EXIF orientations of images that need 0 to 3 quarter turns to the left to be upright.
 TURNED = (1, 8, 3, 6)
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
@@ -57,7 +52,7 @@ class VideoInfo:
     """Properties of a video file.
 
     Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
-    announces or the time stamps have gaps for, but that are not in the file. `note` names a part that is not read.
+    announces or the time stamps have gaps for, but that are not in the file.
     """
 
     width: int
@@ -67,7 +62,6 @@ class VideoInfo:
     duration_s: float
     has_audio: bool
     missing: int = 0
-    note: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +85,10 @@ def inspect_video(path: str | Path) -> VideoInfo:
     """
     with open_video(path) as container:
         stream = container.streams.video[0]
-        stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
+        stored, stamps, end_s, first = 0, [], 0.0, None
         for packet in read_packets(container):
             if packet.pts is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            end_byte = max(end_byte, (packet.pos or 0) + packet.size)
             if packet.stream is stream:
                 stored += packet.size > 0
                 # A clip cut without re-encoding begins with frames that are only references for later ones.
@@ -115,7 +108,6 @@ def inspect_video(path: str | Path) -> VideoInfo:
             duration_s=round(float((len(stamps) + gaps) / rate), 6),
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
-            note=_describe_unread(Path(path), end_byte),
         )
 
 
@@ -292,32 +284,3 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     begin = 0 if "matroska" in container.format.name else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
     return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0
-
-
-def _describe_unread(path: Path, end_byte: int) -> str:
-    """What of a file is not read: a second video behind the first, as `cat` joins them; else empty.
-
-    `end_byte` is the end of the last packet. Behind it is at most an index, in an mp4 or mov a long one.
-    """
-    size = path.stat().st_size
-    begin = _second_mp4(path)
-    if begin is None:
-        begin = end_byte if 0 < end_byte < (1 - MAX_INDEX_SHARE) * size else size
-    share = 1 - begin / size
-    return f"a second video follows in this file ({share:.0%} of its bytes) and is not read; split it." if share else ""
-
-
-def _second_mp4(path: Path) -> int | None:
-    """First byte of the second mp4 or mov file in a file, its size if there is none, and None if it is no mp4."""
-    at, size = 0, path.stat().st_size
-    with path.open("rb") as file:
-        for _ in range(MAX_BOXES):
-            file.seek(at)
-            header = file.read(16).ljust(16, b"\0")
-            length, kind, long_length = struct.unpack(">I4sQ", header)
-            if at == 0 and kind != b"ftyp":
-                return None
-            if at >= size or (at and kind == b"ftyp"):
-                return min(at, size)
-            at += max({0: size, 1: long_length}.get(length, length), 8)
-    return size

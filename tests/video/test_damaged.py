@@ -149,17 +149,6 @@ def test_frames_that_only_the_header_has_are_missing(tmp_path):
     assert (written.frames, written.missing) == (50, 50)
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "mov"])
-def test_a_second_video_behind_the_first_is_named(tmp_path, suffix):
-    part = make_video(tmp_path / f"part.{suffix}", 50).read_bytes()
-    (tmp_path / f"both.{suffix}").write_bytes(part + part)
-    info = inspect_video(tmp_path / f"both.{suffix}")
-    assert info.frames == 50 and info.note == (
-        "a second video follows in this file (50% of its bytes) and is not read; split it."
-    )
-    assert inspect_video(tmp_path / f"part.{suffix}").note == ""
-
-
 def test_a_part_inside_a_hole_is_named(tmp_path):
     """Nothing was recorded from second 1 to 3."""
     with VideoWriter(tmp_path / "hole.mp4", fps=25) as writer:
