@@ -10,7 +10,6 @@ from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 
@@ -128,7 +127,8 @@ def read_timed_frames(path: str | Path, *, start_s: float = 0.0, end_s: float | 
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
     The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
-    skipped; if the frame rate is constant, their numbers are skipped too. Raises FileNotFoundError, or VideoError if
+    skipped; if the frame rate is constant, their numbers are skipped too. In a video of variable rate that is not read
+    from its start, the first number follows from the average rate. Raises FileNotFoundError, or VideoError if
     the file is not a video, its frame size changes, or it ends before `start_s`.
     """
     start_s = require_number(start_s, "start_s")
@@ -150,7 +150,7 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
                 rate, size = frame_rate(stream, path), _square_size(frame, stream)
                 converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
                 even = _rate_is_constant(rate, stream)
-                number = round(time_s * rate) if even or start_s == 0 else _count_before(path, frame.pts)
+                number = round(time_s * rate)
             else:
                 number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
             elapsed_s = None if last is None else float(time_s) - last.time_s
@@ -242,24 +242,6 @@ def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int
 def _shown_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
     width, height = _square_size(frame, stream)
     return (height, width) if _quarter_turns(frame) % 2 else (width, height)
-
-
-def _count_before(path: str | Path, pts: int | None) -> int:
-    """Number of frames before that with the time stamp `pts`, in a video of variable rate."""
-    return 0 if pts is None else int(np.searchsorted(_stamps(path), pts))
-
-
-def _stamps(path: str | Path) -> np.ndarray:
-    """Time stamps of all frames, sorted; reads the file once for calls in a row."""
-    file = Path(path).stat()
-    return _sorted_stamps(str(path), file.st_mtime_ns, file.st_size)
-
-
-@lru_cache(maxsize=1)
-def _sorted_stamps(path: str, *version: int) -> np.ndarray:
-    with open_video(path) as container:
-        packets = read_packets(container, container.streams.video[0])
-        return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
 
 
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
