@@ -23,7 +23,7 @@ from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import FieldOfView, find_field_of_view
-from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
+from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
@@ -269,22 +269,21 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     info, camera, pose = prepare_drive(video, settings)
     with translate_write_errors(target.with_suffix(".html")):
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
-    with exclusive_writer(target):
-        began_s = time.perf_counter()
-        table = TelemetryWriter(target.with_suffix(".csv"))
-        function = track_lane(make_tracker(info.fps, camera, pose), style=settings.style)
-        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
-        # Decoder, tracker and encoder already run in a thread each.
-        with opencv_threads(1):
-            written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
-        telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
-        count, missing = written.frames, written.missing
-        more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
-        outputs: tuple[Path, ...] = (target, table.path)
-        if settings.report:
-            used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
-            page = target.with_suffix(".html")
-            outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
+    began_s = time.perf_counter()
+    table = TelemetryWriter(target.with_suffix(".csv"))
+    function = track_lane(make_tracker(info.fps, camera, pose), style=settings.style)
+    options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
+    # Decoder, tracker and encoder already run in a thread each.
+    with opencv_threads(1):
+        written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
+    telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
+    count, missing = written.frames, written.missing
+    more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
+    outputs: tuple[Path, ...] = (target, table.path)
+    if settings.report:
+        used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
+        page = target.with_suffix(".html")
+        outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
@@ -346,7 +345,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     detected = detect_stills(stills, settings, failures)
     first = next(detected)  # raises if no still can be used, before anything is written
     path, pose = settings.output / "pictures.csv", None
-    with exclusive_writer(path), TelemetryWriter(path) as table:
+    with TelemetryWriter(path) as table:
         for still in chain([first], detected):
             detection = still.detection
             lane, camera = detection.lane, detection.camera
