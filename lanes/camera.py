@@ -480,8 +480,7 @@ def camera_from_dict(content: dict) -> Camera:
     distortion = _parse_distortion(content)
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
-    block = "pose" if "pose" in content else "mount"  # its name in version 0.1
-    pose = _parse_pose(content[block]) if block in content else None
+    pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
 
@@ -519,8 +518,7 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
 
 
 def _parse_pose(content: dict) -> CameraPose:
-    # version 0.1 wrote same_lane_share as well
-    pose = CameraPose(**{name: float(value) for name, value in content.items() if name != "same_lane_share"})
+    pose = CameraPose(**{name: float(value) for name, value in content.items()})
     # lorries carry their cameras at 2.5 m
     if pose.height_m > 20 or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
         raise ValueError(f"a camera {pose.describe()} does not see the road")

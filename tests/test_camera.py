@@ -256,10 +256,6 @@ class TestCameraFile:
         again = load_camera(save_camera(camera, tmp_path / "again.yaml"))
         np.testing.assert_array_equal(again.distortion, read)
 
-    def test_files_of_version_0_1_are_read(self, tmp_path, content):
-        older = content | {"mount": content.pop("pose") | {"same_lane_share": 0.4}}
-        assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
-
     @pytest.mark.parametrize("entry", ["image_width", "image_height", "camera_matrix", "distortion_coefficients"])
     def test_missing_entry_is_named(self, tmp_path, content, entry):
         del content[entry]
