@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.describe import html_table
 from lanes.errors import CameraError, PictureError, require_number
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
@@ -151,24 +150,10 @@ class Camera:
         from_centre = np.abs(borders[:, 0] - self.matrix[0, 2]) / self.matrix[0, 0]
         return float(np.degrees(np.interp(from_centre, distorted[:end], angles[:end]).sum()))
 
-    def summary(self) -> dict[str, str]:
-        """Image size, lens, pose and calibration as text, by name."""
-        summary = {
-            "picture": f"{self.width}x{self.height} px",
-            "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
-            + ("" if np.any(self.distortion) else ", no distortion"),
-            "pose": self.pose.describe() if self.pose else "unknown",
-        }
-        if self.report:
-            summary["calibration"] = f"{len(self.report.board_rms_px)} boards, error {self.report.rms_px:.2f} px"
-        return summary
-
     def __repr__(self) -> str:
-        summary = self.summary()
-        return f"Camera({summary['picture']}, {summary['lens']}, pose {summary['pose']})"
-
-    def _repr_html_(self) -> str:
-        return html_table("Camera", self.summary())
+        lens = f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
+        lens += "" if np.any(self.distortion) else ", no distortion"
+        return f"Camera({self.width}x{self.height} px, {lens}, pose {self.pose.describe() if self.pose else 'unknown'})"
 
     def with_pose(self, pose: CameraPose) -> Camera:
         """The same camera with another pose."""
