@@ -85,7 +85,7 @@ def test_a_huge_size_inside_a_video_is_damage(tmp_path, name, codec, pixels, mar
 
 def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
     monkeypatch.setattr(container, "MAX_PIXELS", 160 * 96 - 1)
-    with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
+    with pytest.raises(VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"):
         inspect_video(video)
     assert MAX_PIXELS > 7680 * 4320
 
