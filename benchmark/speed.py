@@ -207,9 +207,9 @@ def transcode(source: Path, target: Path) -> None:
         stream = read.streams.video[0]
         stream.thread_type = "AUTO"
         codec = stream.codec_context
-        size, colours = (codec.width, codec.height), inspect_video(source).colours
+        size = codec.width, codec.height
         rate, tick = frame_rate(stream, source), stream.time_base or Fraction(1)
-        written, output = open_mp4(target, size, rate, tick, colours)
+        written, output = open_mp4(target, size, rate, tick)
         with written:
             for frame in read.decode(stream):
                 frame.pict_type = 0  # the encoder chooses the key frames

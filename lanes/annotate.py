@@ -24,7 +24,7 @@ from lanes.detect.markings import Markings
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
-from lanes.files import TelemetryWriter, exclusive_writer, translate_write_errors
+from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
@@ -281,34 +281,31 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     info, camera, pose = prepare_drive(video, settings)
     with translate_write_errors(target.with_suffix(".html")):
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
-    with exclusive_writer(target):
-        began_s = time.perf_counter()
-        tracker, path = make_tracker(info.fps, camera, pose, settings.markings), target.with_suffix(".csv")
-        log = index_log(video, info.topic) if info.topic else None
-        writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
-        function = track_lane(tracker, style=settings.style)
-        # Decoder, tracker and encoder already run in a thread each.
-        with opencv_threads(1), writer as table:
-            options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
-            written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
-        telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
-        count, missing = written.frames, written.missing
-        more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
-        outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
-        if settings.report:
-            used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
-            page = target.with_suffix(".html")
-            outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
+    began_s = time.perf_counter()
+    tracker, path = make_tracker(info.fps, camera, pose, settings.markings), target.with_suffix(".csv")
+    log = index_log(video, info.topic) if info.topic else None
+    writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
+    function = track_lane(tracker, style=settings.style)
+    # Decoder, tracker and encoder already run in a thread each.
+    with opencv_threads(1), writer as table:
+        options: dict[str, Any] = {"progress": settings.progress, "telemetry": table, "info": info}
+        written = process_video(video, target, function, start_s=settings.start_s, end_s=settings.end_s, **options)
+    telemetry, elapsed_s = table.columns(), time.perf_counter() - began_s
+    count, missing = written.frames, written.missing
+    more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
+    outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
+    if settings.report:
+        used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
+        page = target.with_suffix(".html")
+        outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
-    if info.note:
-        lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
-        lines.append(f"{video}: its sound track cannot be decoded; {target} has no sound")
+        lines.append(f"{video}: its sound is neither AAC, Opus nor FLAC; {target} has no sound")
     if change := find_pose_change(telemetry):
         lines.append(f"{video}: {change.describe()}")
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
@@ -363,7 +360,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     detected = detect_stills(stills, settings, failures)
     first = next(detected)  # raises if no still can be used, before anything is written
     path, pose = settings.output / "pictures.csv", None
-    with exclusive_writer(path), TelemetryWriter(path) as table:
+    with TelemetryWriter(path) as table:
         for still in chain([first], detected):
             detection = still.detection
             lane, camera = detection.lane, detection.camera

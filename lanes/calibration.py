@@ -27,6 +27,8 @@ MIN_VIEWS = 3
 # A board with more than this many times the median error was bent, moved or detected wrongly. On the 20 Udacity boards,
 # paper on a wall, the worst one has 1.5 times the median, and one with wrong corners 2.9 times.
 OUTLIER_RATIO = 2.5
+# Largest difference of a picture's size from that of the others, of which it was cropped, as two of Udacity's were.
+MAX_CROP_PX = 2
 # Boards below this error are never outliers; it is the error of the corner detection in a compressed picture.
 MIN_OUTLIER_ERROR_PX = 0.3
 # A lens is a fisheye lens if that model reduces the error to this share. The two models fit a normal lens equally well.
@@ -198,17 +200,21 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
 def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
     """Camera intrinsics from boards in different poses, by the name of the picture (Zhang, PAMI 2000).
 
-    They are for pictures of the most frequent size. Boards in pictures of another size are used if they fit the camera
-    that the others determine: unchanged (the picture was cropped by a pixel or two) or rescaled, whichever fits better.
-    Raises CameraError if fewer than three different views of the board remain, or they do not determine the intrinsics,
-    or fit neither a normal nor a fisheye lens.
+    They are for pictures of the most frequent size, and of those that were cropped by a pixel or two. Raises
+    CameraError if fewer than three different views remain, or they do not determine the intrinsics, or fit neither a
+    normal nor a fisheye lens.
     """
-    camera = _calibrate_lens(boards, fisheye=False)
+    sizes = Counter(board.size for board in boards.values())
+    size = max(sizes, key=lambda size: (sizes[size], size))
+    used = {name: b for name, b in boards.items() if np.abs(np.subtract(b.size, size)).max() <= MAX_CROP_PX}
+    reason = "picture is {}x{} pixels, the others {}x{}; take all with one setting"
+    rejected = {name: reason.format(*board.size, *size) for name, board in boards.items() if name not in used}
+    camera = _calibrate_without_outliers(used, size, rejected, fisheye=False)
     rms_px = camera.require_report().rms_px
     if rms_px <= MIN_OUTLIER_ERROR_PX and len(camera.require_report().board_rms_px) == len(boards):
         return camera
     with suppress(CameraError):
-        fisheye = _calibrate_lens(boards, fisheye=True)
+        fisheye = _calibrate_without_outliers(used, size, rejected, fisheye=True)
         if fisheye.require_report().rms_px < FISHEYE_ERROR_RATIO * rms_px:
             camera, rms_px = fisheye, fisheye.require_report().rms_px
     limit_px = MAX_ERROR_SHARE * max(camera.size)
@@ -220,24 +226,6 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
     return camera
 
 
-def _calibrate_lens(boards: Mapping[str, Board], *, fisheye: bool) -> Camera:
-    """The camera from boards in pictures of all sizes, as a normal or a fisheye lens."""
-    sizes = Counter(board.size for board in boards.values())
-    size = max(sizes, key=lambda size: (sizes[size], size))
-    same_size = {name: board for name, board in boards.items() if board.size == size}
-    camera = _calibrate_without_outliers(same_size, size, {}, fisheye=fisheye)
-    if len(same_size) == len(boards):
-        return camera
-    rejected, used = dict(camera.require_report().rejected), {}
-    for name, board in boards.items():
-        fitting, reason = (board, "") if name in same_size else _convert_size(board, camera)
-        if fitting is None:
-            rejected[name] = reason
-        elif name not in rejected:
-            used[name] = fitting
-    return _calibrate_without_outliers(used, size, rejected, fisheye=fisheye)
-
-
 def _calibrate_without_outliers(
     boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str], *, fisheye: bool
 ) -> Camera:
@@ -247,17 +235,13 @@ def _calibrate_without_outliers(
         camera = _calibrate_once(boards, size, rejected, fisheye=fisheye)
         errors = camera.require_report().board_rms_px
         worst = max(errors, key=errors.__getitem__)
+        median = float(np.median(list(errors.values())))
         # With three boards it cannot be decided which one is wrong.
-        if len(boards) == MIN_VIEWS or errors[worst] <= _largest_error_px(errors):
+        if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
             return camera
-        limit = f"{OUTLIER_RATIO} times the median board's {np.median(list(errors.values())):.2f}"
+        limit = f"{OUTLIER_RATIO} times the median board's {median:.2f}"
         rejected[worst] = f"error {errors[worst]:.2f} px, more than {limit}"
         del boards[worst]
-
-
-def _largest_error_px(errors: Mapping[str, float]) -> float:
-    """The largest error of a board that is no outlier among boards with these errors."""
-    return max(OUTLIER_RATIO * float(np.median(list(errors.values()))), MIN_OUTLIER_ERROR_PX)
 
 
 def _calibrate_once(
@@ -329,34 +313,6 @@ def _count_views(boards: Mapping[str, Board]) -> int:
         if not any(view.shape == corners.shape and np.abs(view - corners).mean() < 2.0 for view in views):
             views.append(corners)
     return len(views)
-
-
-def _convert_size(board: Board, camera: Camera) -> tuple[Board | None, str]:
-    """A board of a picture of another size, in the camera's pixels; or None and why it does not fit the camera."""
-    (width, height), (board_width, board_height) = camera.size, board.size
-    sizes = f"picture is {board_width}x{board_height} pixels, the others {width}x{height}"
-    candidates = []
-    if abs(board_width - width) <= 2 and abs(board_height - height) <= 2:
-        candidates.append(board.corners_px)
-    if camera.has_aspect_of(board.size):
-        candidates.append(resize_points(board.corners_px, np.divide(camera.size, board.size)))
-    if not candidates:
-        return None, f"{sizes}: another aspect ratio, so another camera or a cropped picture"
-    boards = [replace(board, corners_px=corners.astype(np.float32), size=camera.size) for corners in candidates]
-    errors = [_reprojection_error_px(b, camera) for b in boards]
-    limit = _largest_error_px(camera.require_report().board_rms_px)
-    if min(errors) > limit:
-        return None, f"{sizes}, and it does not fit the same lens (error {min(errors):.2f} px, limit {limit:.2f})"
-    return boards[int(np.argmin(errors))], ""
-
-
-def _reprojection_error_px(board: Board, camera: Camera) -> float:
-    """Root mean square reprojection error of a board whose pose is fitted to its corners."""
-    model = cv2.fisheye if camera.is_fisheye else cv2
-    on_board, lens = board.object_points[None], (camera.matrix, camera.distortion)
-    _, rotation, translation = model.solvePnP(on_board, board.corners_px[None], *lens)
-    projected, _ = model.projectPoints(on_board, rotation, translation, *lens)
-    return float(np.sqrt(((projected.reshape(-1, 2) - board.corners_px) ** 2).sum(axis=1).mean()))
 
 
 # Summary of a calibration in words and as a contact sheet.

@@ -19,7 +19,6 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.describe import html_table
 from lanes.errors import CameraError, PictureError, require_number
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
@@ -151,24 +150,10 @@ class Camera:
         from_centre = np.abs(borders[:, 0] - self.matrix[0, 2]) / self.matrix[0, 0]
         return float(np.degrees(np.interp(from_centre, distorted[:end], angles[:end]).sum()))
 
-    def summary(self) -> dict[str, str]:
-        """Image size, lens, pose and calibration as text, by name."""
-        summary = {
-            "picture": f"{self.width}x{self.height} px",
-            "lens": f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
-            + ("" if np.any(self.distortion) else ", no distortion"),
-            "pose": self.pose.describe() if self.pose else "unknown",
-        }
-        if self.report:
-            summary["calibration"] = f"{len(self.report.board_rms_px)} boards, error {self.report.rms_px:.2f} px"
-        return summary
-
     def __repr__(self) -> str:
-        summary = self.summary()
-        return f"Camera({summary['picture']}, {summary['lens']}, pose {summary['pose']})"
-
-    def _repr_html_(self) -> str:
-        return html_table("Camera", self.summary())
+        lens = f"focal length {self.matrix[0, 0]:.0f} px, field of view {self.hfov_deg:.1f} deg"
+        lens += "" if np.any(self.distortion) else ", no distortion"
+        return f"Camera({self.width}x{self.height} px, {lens}, pose {self.pose.describe() if self.pose else 'unknown'})"
 
     def with_pose(self, pose: CameraPose) -> Camera:
         """The same camera with another pose."""
@@ -480,8 +465,7 @@ def camera_from_dict(content: dict) -> Camera:
     distortion = _parse_distortion(content)
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
-    block = "pose" if "pose" in content else "mount"  # its name in version 0.1
-    pose = _parse_pose(content[block]) if block in content else None
+    pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     return Camera(*size, matrix, distortion, pose, report)
 
@@ -519,8 +503,7 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
 
 
 def _parse_pose(content: dict) -> CameraPose:
-    # version 0.1 wrote same_lane_share as well
-    pose = CameraPose(**{name: float(value) for name, value in content.items() if name != "same_lane_share"})
+    pose = CameraPose(**{name: float(value) for name, value in content.items()})
     # lorries carry their cameras at 2.5 m
     if pose.height_m > 20 or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
         raise ValueError(f"a camera {pose.describe()} does not see the road")

@@ -29,8 +29,6 @@ PANEL_COLOUR: Colour = (16, 18, 22)
 FONT_WEIGHT = 500
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
-# Rows of the bands in which a polygon is blended: with fewer or more it takes longer.
-_BAND_ROWS = 48
 # Limit of coordinates: fits in 32-bit integers, far outside any image.
 _MAX_COORDINATE_PX = 1e6
 
@@ -51,23 +49,17 @@ def blend_polygon(
 ) -> None:
     """Blend a polygon (N, 2) of one colour into the image with weight `alpha`.
 
-    Only the bounding box of each band of rows is processed: a lane fills half of its own. If lines will cover the
-    polygon's edges, `edge=cv2.LINE_8` fills it in a quarter of the time.
+    If lines will cover the polygon's edges, `edge=cv2.LINE_8` fills it in a quarter of the time.
     """
     height, width = image.shape[:2]
     (left, top), (right, bottom) = polygon_px.min(axis=0).tolist(), polygon_px.max(axis=0).tolist()
     left, right = np.clip([left - 1, right + 2], 0, width).astype(int).tolist()
     top, bottom = np.clip([top - 1, bottom + 2], 0, height).astype(int).tolist()
-    inside, corners = np.zeros((bottom - top, right - left), np.uint8), _to_fixed_point(polygon_px - (left, top))
-    if inside.size:
-        cv2.fillPoly(inside, [corners], 255, edge, _SHIFT)
-    for row in range(0, bottom - top, _BAND_ROWS):
-        column, _, columns, _ = cv2.boundingRect(inside[row : row + _BAND_ROWS])
-        part = image[top + row : min(top + row + _BAND_ROWS, bottom), left + column : left + column + columns]
-        if part.size:
-            filled = part.copy()
-            cv2.fillPoly(filled, [corners - np.left_shift((column, row), _SHIFT)], colour, edge, _SHIFT)
-            cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
+    part = image[top:bottom, left:right]
+    if part.size:
+        filled = part.copy()
+        cv2.fillPoly(filled, [_to_fixed_point(polygon_px - (left, top))], colour, edge, _SHIFT)
+        cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
 
 
 def put_text(

@@ -1,4 +1,4 @@
-"""Measurements as text, and a table of them for notebooks.
+"""Measurements as text.
 
 Signs: curvature > 0 bends left; offset > 0 means the car is left of the lane centre.
 """
@@ -6,7 +6,6 @@ Signs: curvature > 0 bends left; offset > 0 means the car is left of the lane ce
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from html import escape
 from math import degrees
 
 # On a straight road the measured radius is large and of either sign. At this radius a line leaves its tangent by
@@ -60,12 +59,6 @@ def describe_heading(heading_rad: float) -> str:
     if heading_deg < 0.05:
         return "straight ahead"
     return f"{heading_deg:.1f} deg to the {'left' if heading_rad > 0 else 'right'}"
-
-
-def html_table(title: str, rows: Mapping[str, str]) -> str:
-    """An HTML table for notebooks: a caption, then a name and a text per row."""
-    cells = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in rows.items())
-    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:

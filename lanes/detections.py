@@ -34,8 +34,6 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
     info, camera, pose = prepare_drive(video, settings)
     if pose:
         print(pose.describe())
-    if info.note:
-        print(f"{video}: {info.note}")
     tracker = make_tracker(info.fps, camera, pose, settings.markings)
     for frame, lane in track_video(video, tracker, info, progress=settings.progress):
         names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}

@@ -83,27 +83,24 @@ class Explanation:
         """The step that failed, or that gives a low confidence; None if no step failed."""
         return self.steps[-1] if self.steps[-1].failure else None
 
-    def summary(self) -> dict[str, str]:
-        """The lane in words, by name."""
-        return self.lane.summary() if self.lane else {"state": LOST}
-
     def describe(self) -> str:
-        """Text of several lines: steps, result, terms of the confidence, rejected lanes, failure and advice."""
-        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
-        lines += [f"{name:<10} {words}" for name, words in self.summary().items()]
-        lines += self.confidence_summary()
-        lines += [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
+        """Text of several lines: steps, result, failure and advice."""
+        lines = [f"{step.name:<10} {step.summary}" for step in self.steps] + self.describe_result()
         if self.failed:
             lines += [f"failed at  {self.failed.name}: {self.failed.failure}", f"what to do {self.failed.advice}"]
         return "\n".join(lines)
 
-    def confidence_summary(self) -> list[str]:
-        """Lines of text with what each feature of the confidence contributes to the log odds."""
-        if self.lane is None:
-            return []
-        terms = log_odds_terms(self.lane)
-        lines = [f"  {name}: {term:+.2f}" for name, term in terms.items()]
-        return ["confidence, as log odds:", *lines, f"  total {sum(terms.values()):+.2f}"]
+    def describe_result(self) -> list[str]:
+        """Lines of text: the lane, the terms of the confidence as log odds, and the rejected lanes."""
+        lines = [f"state      {LOST}"]
+        if self.lane:
+            lines, terms = (
+                [f"{name:<10} {words}" for name, words in self.lane.summary().items()],
+                log_odds_terms(self.lane),
+            )
+            lines += ["confidence, as log odds:", *(f"  {name}: {term:+.2f}" for name, term in terms.items())]
+            lines += [f"  total {sum(terms.values()):+.2f}"]
+        return lines + [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
 
     def __repr__(self) -> str:
         return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"

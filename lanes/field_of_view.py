@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -27,8 +26,6 @@ DEFAULT_HFOV_DEG = 60.0
 GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
 FILM_DIAGONAL_MM = float(np.hypot(36, 24))
-# Values of the EXIF entry FocalPlaneResolutionUnit: inch and centimetre.
-RESOLUTION_UNIT_MM = {2: 25.4, 3: 10.0}
 
 
 @dataclass(frozen=True)
@@ -101,30 +98,19 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
 
 
 def read_hfov(still: str | Path) -> float | None:
-    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it."""
+    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
+
+    They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001).
+    """
     # Imported here, because it is needed only for stills without other information about the lens.
     from PIL import ExifTags, Image
 
     try:
         require_file(still, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
-            entries, (width, height) = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
-            axes = upright_axes(orientation_of(image))
-        named = {ExifTags.TAGS.get(key, ""): value for key, value in entries.items()}
-        upright_width = width if axes[0, 0] else height
-        hfov_deg = float(np.degrees(2 * np.arctan(upright_width / 2 / _focal_length_px(named, width, height))))
+            focal_mm = float(image.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm])
+            width, height = np.abs(upright_axes(orientation_of(image))) @ image.size
+        hfov_deg = float(np.degrees(2 * np.arctan(width / np.hypot(width, height) * FILM_DIAGONAL_MM / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None
     return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
-
-
-def _focal_length_px(entries: dict[str, Any], width: int, height: int) -> float:
-    """Focal length from EXIF entries by name: that in 35 mm film, which refers to the diagonal (CIPA DCG-001), or else
-    that in millimetres with the resolution of the sensor. Raises an error if it cannot be computed.
-    """
-    if (focal_35mm := float(entries.get("FocalLengthIn35mmFilm", 0))) > 0:
-        return focal_35mm / FILM_DIAGONAL_MM * float(np.hypot(width, height))
-    unit_mm = RESOLUTION_UNIT_MM[int(entries.get("FocalPlaneResolutionUnit", 2))]
-    # The resolution refers to the original image, which may have been resized.
-    resized = width / (float(entries.get("ExifImageWidth", 0)) or width)
-    return float(entries["FocalLength"]) * float(entries["FocalPlaneXResolution"]) / unit_mm * resized

@@ -240,13 +240,12 @@ def _plot_fit(axis: Axes, explanation: Explanation, fit: Fit) -> None:
 
 
 def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
-    """Failure and advice, numbers of the lane, terms of the confidence, rejected lanes."""
-    results = [f"prediction: {step.summary}" for step in explanation.steps if step.name == "prediction"]
-    results += [f"{name}: {words}" for name, words in explanation.summary().items()]
-    results += explanation.confidence_summary()
-    results += [f"rejected: {c.reason}" for c in explanation.candidates if not c.chosen]
-    failed = explanation.failed
-    verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"] if failed else []
+    """Failure and advice, then the lane in words."""
+    verdict, failed = [], explanation.failed
+    if failed:
+        verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"]
+    results = [f"prediction {step.summary}" for step in explanation.steps if step.name == "prediction"]
+    results += explanation.describe_result()
     look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
     below = 0
     for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):

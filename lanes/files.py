@@ -1,8 +1,8 @@
 """Files in and out: checks of input files, atomic writes, locks on outputs, and telemetry (CSV).
 
-An output is written to ``STEM.partial.DIGITS.SUFFIX`` in the same folder and renamed when it is complete. The writer
-holds a lock on this partial file; the operating system releases the lock when the process ends. The next run that
-writes the same output removes the partial files of killed processes and leaves those of running processes alone.
+An output is written to ``STEM.partial.SUFFIX`` in the same folder and renamed when it is complete. Meanwhile the writer
+holds a lock, which the operating system releases when the process ends. A second writer of the same output is refused;
+after a killed process the next run writes the same partial file again.
 """
 
 from __future__ import annotations
@@ -11,26 +11,20 @@ import csv
 import errno
 import io
 import os
-import re
-import secrets
 import stat
-import sys
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 from filelock import FileLock, Timeout
 
-PARTIAL = ".partial."
-_DIGITS = 12
-# Longest name of a file, bytes, on all usual file systems.
-_MAX_NAME_BYTES = 255
-# A lock that another run released and removed a moment ago is created again within this time.
-_LOCK_TIMEOUT_S = 0.2
-# Errors of file systems without locks.
-_NO_LOCKS = {errno.ENOSYS, errno.ENOTSUP, errno.ENOLCK}
+PARTIAL = ".partial"
+# A second writer waits this long for the lock: as long as it takes to write a small file.
+LOCK_TIMEOUT_S = 1.0
+# Longer names would leave no room for what is added to the name of a partial file; file systems allow 255 bytes.
+MAX_NAME_BYTES = 230
 # What stands in place of a file; anything else is a device.
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
@@ -115,75 +109,54 @@ def write_atomically(path: str | Path, data: bytes) -> None:
 def atomic_write(path: Path) -> Iterator[Path]:
     """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
 
-    Of two processes that write the same output, the last one to finish replaces the other's file. A link is replaced at
-    its target and stays a link. The folder is created where needed. Raises OSError if the file cannot be written;
-    errors of the block are not reworded.
+    A link is replaced at its target and stays a link. The folder is created where needed. Raises OSError if the file
+    cannot be written, or if another process is writing it; errors of the block are not reworded.
     """
-    with translate_write_errors(path):
-        target = Path(os.path.realpath(path))
-        # Root could rename a file over /dev/null.
-        if target.exists() and not target.is_file():
-            raise OSError(f"it is {_describe_kind(target.stat())}")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        remove_stale_partials(target)
-        partial = target.with_name(f"{_partial_stem(target)}{secrets.token_hex(_DIGITS // 2)}{target.suffix}")
-        partial.touch(exist_ok=False)
-        # On Windows nobody but the lock itself could write to a locked file.
-        lock = _lock(partial) if sys.platform != "win32" else None
-    try:
+    with ExitStack() as until_written:
+        with translate_write_errors(path):
+            target = Path(os.path.realpath(path))
+            # Root could rename a file over /dev/null.
+            if target.exists() and not target.is_file():
+                raise OSError(f"it is {_describe_kind(target.stat())}")
+            target.parent.mkdir(parents=True, exist_ok=True)
+            partial, lock_path = partial_files(target)
+            until_written.enter_context(locked(lock_path))
+            until_written.callback(partial.unlink, missing_ok=True)
+            partial.write_bytes(b"")
         yield partial
         with translate_write_errors(path):
             # Flushed to the disk, so that a full disk is noticed.
             with partial.open("rb+") as file:
                 os.fsync(file.fileno())
             os.replace(partial, target)
-    finally:
-        partial.unlink(missing_ok=True)
-        if lock:
-            lock.release()
-
-
-def remove_stale_partials(path: Path) -> None:
-    """Remove the partial files that killed processes left of `path`, and of outputs that differ only in the suffix."""
-    ours = re.compile(re.escape(_partial_stem(path)) + rf"[0-9a-f]{{{_DIGITS}}}(\.\w+)?")
-    with suppress(OSError), os.scandir(path.parent) as entries:
-        leftovers = [Path(entry.path) for entry in entries if ours.fullmatch(entry.name)]
-        for leftover in leftovers:
-            # A running process holds the lock: Timeout is an OSError.
-            with suppress(OSError), FileLock(leftover, timeout=0, fallback_to_soft=False):
-                leftover.unlink()
-
-
-def _partial_stem(path: Path) -> str:
-    """Begin of the names of all partial files of an output; a long name is cut, and made different by a checksum."""
-    stem, longest = os.fsencode(path.stem), _MAX_NAME_BYTES - len(PARTIAL) - _DIGITS - len(".jpeg")
-    if len(stem) > longest:
-        checksum = f"-{zlib.crc32(stem):08x}"
-        return stem[: longest - len(checksum)].decode(errors="ignore") + checksum + PARTIAL
-    return path.stem + PARTIAL
 
 
 @contextmanager
-def exclusive_writer(path: Path, *, wait: bool = False) -> Iterator[None]:
-    """Exclusive writer lock, during the block, on all outputs with the folder and stem of `path`.
-
-    Raises OSError if the folder cannot be written to, or if another process holds the lock; with `wait` it waits.
-    """
-    lock_path = Path(os.path.realpath(path))
-    lock_path = lock_path.with_name(f"{_partial_stem(lock_path)}lock")
-    with translate_write_errors(path):
-        lock_path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            lock = _lock(lock_path, timeout_s=-1 if wait else _LOCK_TIMEOUT_S)
-        except Timeout as error:
-            raise OSError("another run is writing it; wait until that is done") from error
+def locked(path: Path) -> Iterator[None]:
+    """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
+    lock = FileLock(path, timeout=LOCK_TIMEOUT_S, thread_local=False)
+    try:
+        lock.acquire()
+    except Timeout as error:
+        raise OSError("another run is writing it; wait until that is done") from error
+    except OSError:
+        pass  # a file system without locks, or one that refuses to write the partial file as well
     try:
         yield
     finally:
         # Removed while locked: a process that waits for this lock notices and creates the file again.
         with suppress(OSError):
-            lock_path.unlink()
+            path.unlink()
         lock.release()
+
+
+def partial_files(path: Path) -> tuple[Path, Path]:
+    """The partial file of an output, and the lock of its writer; both are in the output's folder."""
+    stem = path.stem
+    if len(os.fsencode(path.name)) > MAX_NAME_BYTES:
+        stem = f"{stem[:40]}-{zlib.crc32(os.fsencode(stem)):08x}"
+    name = f"{stem}{PARTIAL}{path.suffix}"
+    return path.with_name(name), path.with_name(f"{name}.lock")
 
 
 @contextmanager
@@ -200,17 +173,6 @@ def translate_write_errors(path: Path) -> Iterator[None]:
 
 def _describe_kind(found: os.stat_result) -> str:
     return _KINDS.get(stat.S_IFMT(found.st_mode), "a device")
-
-
-def _lock(path: Path, *, timeout_s: float = -1) -> FileLock:
-    """A lock on a file, acquired; not acquired where the file system has no locks. Raises Timeout; -1 waits forever."""
-    lock = FileLock(path, timeout=timeout_s, thread_local=False, fallback_to_soft=False)
-    try:
-        lock.acquire()
-    except OSError as error:
-        if error.errno not in _NO_LOCKS:
-            raise
-    return lock
 
 
 # Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth in this form.

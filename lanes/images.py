@@ -6,12 +6,10 @@ so accepts views such as ``bgr[..., ::-1]`` and ``rgba[..., :3]`` and read-only 
 
 from __future__ import annotations
 
-import math
 import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,28 +21,10 @@ from lanes.files import require_file, write_atomically
 
 _WRITABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
 _QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", ".jpeg"), cv2.IMWRITE_JPEG_QUALITY)
-# First bytes of picture formats, and Pillow's module for each. HEIC is refused with a sentence, AVIF where Pillow lacks
-# it.
-_PICTURE_FORMATS = {
-    rb"\xff\xd8": "Jpeg",
-    rb"\x89PNG\r\n\x1a\n": "Png",
-    rb"RIFF....WEBP": "WebP",
-    rb"BM": "Bmp",
-    rb"II\*\0|MM\0\*": "Tiff",
-    rb"....ftypavi[fs]": "Avif",
-    # ISO 23008-12, 10.2
-    rb"....ftyp(hei[cx]|hevc|mif1|msf1)": "Heic",
-}
-# First bytes of videos: mp4 and mov, Matroska, avi, flv, Ogg, asf, MPEG streams, transport streams (also with times
-# before the packets), mxf, gif, yuv4mpeg, nut.
-_VIDEO_FORMATS = (
-    rb"....(ftyp(?!M4[AB])|moov|mdat|wide|free|skip)|\x1aE\xdf\xa3|RIFF....AVI |FLV|OggS|\x30\x26\xb2\x75|\0\0\0?\x01"
-    rb"|\x47.{187}\x47|.{4}\x47.{191}\x47|\x06\x0e\x2b\x34|GIF8|YUV4MPEG2|nut/multimedia"
-)
-# A name decides only where the content does not: empty and damaged files, and MJPEG, which begins like a JPEG.
-_PICTURE_SUFFIXES = (*_WRITABLE, ".jfif", ".jpe", ".avif", ".heic", ".heif")
-_VIDEO_SUFFIXES = (".mp4", ".m4v", ".mov", ".avi", ".mkv", ".webm", ".ts", ".mts", ".mpg", ".mpeg", ".mjpeg", ".mjpg")
-LOG_SUFFIXES = (".bag", ".db3", ".mcap")
+# Formats that are read, with Pillow's names, and the ends of the names of pictures and videos.
+READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
+PICTURE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
+VIDEO_NAMES = r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc|bag|db3|mcap)$"
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those of the stored one.
 _UPRIGHT_AXES = {
     1: ((1, 0), (0, 1)),
@@ -56,7 +36,7 @@ _UPRIGHT_AXES = {
     7: ((0, -1), (-1, 0)),
     8: ((0, 1), (-1, 0)),
 }
-# Four times an 8K video's, and above the 102 million of the largest cameras. A header can claim 4,000 million.
+# Four times an 8K video's. A header can claim 4,000 million. Pillow refuses pictures of more than 179 million.
 MAX_PIXELS = 128_000_000
 # Size of an incompressible PNG with MAX_PIXELS.
 MAX_PICTURE_BYTES = 3 * MAX_PIXELS
@@ -79,19 +59,10 @@ def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
 
 
 def kind_of_file(path: str | Path) -> Literal["picture", "video"] | None:
-    """What a file is by its first bytes, or where these do not say, by its name; None if neither says."""
-    path = Path(path)
-    try:
-        with path.open("rb") if path.is_file() else BytesIO() as file:
-            head = file.read(200)
-    except OSError:
-        head = b""  # reading the file will say why it cannot be read
-    suffix = path.suffix.lower()
-    if (picture := _picture_format(head)) and not (picture == "Jpeg" and suffix in (".mjpeg", ".mjpg")):
+    """What a file is by the end of its name; None if that says neither."""
+    if re.search(PICTURE_NAMES, str(path), re.IGNORECASE):
         return "picture"
-    if re.match(_VIDEO_FORMATS, head, re.DOTALL) or suffix in (*_VIDEO_SUFFIXES, *LOG_SUFFIXES):
-        return "video"
-    return "picture" if suffix in _PICTURE_SUFFIXES else None
+    return "video" if re.search(VIDEO_NAMES, str(path), re.IGNORECASE) else None
 
 
 def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
@@ -101,24 +72,26 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
     over three channels; an alpha channel is dropped. Raises FileNotFoundError, or PictureError if the file is empty,
     truncated, damaged, too large, of another format, or holds several images.
     """
+    # Imported here: commands that read videos only start sooner.
+    from PIL import Image, ImageOps
+
     path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
-    data = path.read_bytes()
-    picture = _open_complete(path, data)
     try:
-        if picture.format == "AVIF":  # few builds of OpenCV read it
-            image = np.array(picture.convert("RGB"))
-        else:
-            options = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-            # some cameras omit the end marker of a JPEG
-            bgr = cv2.imdecode(np.frombuffer(data + b"\xff\xd9", np.uint8), options)
-            image = cv2.cvtColor(np.asarray(bgr, np.uint8), cv2.COLOR_BGR2RGB)
-    except (cv2.error, OSError, TypeError) as error:
-        raise PictureError(f"{path}: cannot be decoded as a picture; save it again as JPEG or PNG.") from error
-    if not upright:
-        return image
-    (right_x, right_y), (down_x, down_y) = upright_axes(orientation_of(picture))
-    image = image if right_x else image.swapaxes(0, 1)
-    return np.ascontiguousarray(image[:: down_x + down_y, :: right_x + right_y])
+        # warnings about entries of no importance here, such as EXIF
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=READ_FORMATS) as picture:
+            # MPO is a JPEG with previews behind the picture
+            images, bits = 1 if picture.format == "MPO" else getattr(picture, "n_frames", 1), picture.mode
+            image = np.array((ImageOps.exif_transpose(picture) if upright else picture).convert("RGB"))
+    except Exception as error:  # a damaged file makes Pillow raise many types
+        raise PictureError(
+            f"{path}: cannot be decoded as a picture ({error}): it is cut off, damaged, too large, or not a JPEG, PNG, "
+            "WebP, BMP, TIFF or AVIF; copy it again from its source, or convert it to JPEG with the photo app."
+        ) from error
+    if images > 1:
+        raise PictureError(f"{path}: holds {images} images; save the one to use alone, or convert all to an mp4 video.")
+    if bits[0] in "IF":
+        raise PictureError(f"{path}: has more than 8 bits a pixel; save it again as JPEG.")
+    return image
 
 
 def upright_axes(orientation: int) -> np.ndarray:
@@ -168,73 +141,6 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
 def natural_key(path: Path) -> list:
     """Sort key for natural order: runs of digits compare as numbers."""
     return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
-
-
-def _picture_format(head: bytes) -> str | None:
-    """The name of the picture format that these first bytes belong to, as in `_PICTURE_FORMATS`, or None."""
-    return next((name for start, name in _PICTURE_FORMATS.items() if re.match(start, head, re.DOTALL)), None)
-
-
-def _open_complete(path: Path, data: bytes) -> Any:
-    """Pillow's image of a complete file; refuses files of other formats, too large, cut off, damaged or with several
-    images. OpenCV would fill missing rows with gray and read the first image only.
-
-    Pillow decodes at an eighth of a JPEG's size: a third of the time of the full size. `PIL.Image.open` would refuse
-    large pictures without their size.
-    """
-    kind = _picture_format(data)
-    if kind is None:
-        raise PictureError(f"{path}: this is not a JPEG, PNG, WebP, BMP, TIFF or AVIF picture; save it again as JPEG.")
-    if (opener := _pillow_opener(kind)) is None:
-        raise PictureError(
-            f"{path}: is a {kind.upper()} picture, which cannot be read; convert it to JPEG, for instance with "
-            f"ImageMagick (magick {path.name} {path.stem}.jpg) or by exporting it from the photo app."
-        )
-    try:
-        with warnings.catch_warnings(action="ignore"):  # about entries of no importance here, such as EXIF
-            # Pillow decodes a PNG that lacks only its end; `verify` refuses it, but makes the object unusable.
-            opener(BytesIO(data)).verify()
-            picture = opener(BytesIO(data))
-            images = getattr(picture, "n_frames", 1)
-            too_large = math.prod(picture.size) > MAX_PIXELS
-            if not too_large and images == 1:
-                picture.draft("L", (1, 1))
-                try:
-                    picture.load()
-                except OSError:
-                    if kind != "Jpeg" or _lacks_rows(opener, data):
-                        raise
-    except Exception as error:  # a damaged file makes Pillow raise many types
-        raise PictureError(
-            f"{path}: cannot be decoded as a picture, it is cut off, damaged or of a rare kind ({error}); copy it "
-            "again from its source, or save it again as JPEG or PNG."
-        ) from error
-    if images > 1:
-        raise PictureError(f"{path}: holds {images} images; save the one to use alone, or convert all to an mp4 video.")
-    if too_large:
-        raise PictureError(
-            f"{path}: claims {picture.width}x{picture.height} pixels, more than the maximum of "
-            f"{MAX_PIXELS / 1e6:.0f} million; make it smaller."
-        )
-    return picture
-
-
-def _pillow_opener(kind: str) -> Any:
-    """Pillow's class for a format; None if this Pillow does not read it."""
-    # Imported here: commands that read videos only start sooner.
-    from importlib import import_module
-
-    from PIL import features
-
-    if kind == "Heic" or (kind == "Avif" and not features.check("avif")):
-        return None
-    return getattr(import_module(f"PIL.{kind}ImagePlugin"), f"{kind}ImageFile")
-
-
-def _lacks_rows(opener: Any, data: bytes) -> bool:
-    """Whether a JPEG without an end marker, which some cameras omit, lacks more: then bytes added change the image."""
-    first, second = (np.array(opener(BytesIO(data + filler + b"\xff\xd9"))) for filler in (b"", b"\x55" * 1000))
-    return not np.array_equal(first, second)
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
+from itertools import chain
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,14 +26,7 @@ import lanes
 from lanes.annotate import DriveSettings, annotate_drive, output_path, versions
 from lanes.camera import camera_to_dict
 from lanes.errors import VideoError
-from lanes.files import (
-    exclusive_writer,
-    read_text,
-    remove_stale_partials,
-    require_file,
-    write_atomically,
-    write_telemetry,
-)
+from lanes.files import partial_files, read_text, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
 
@@ -60,6 +54,12 @@ class DriveJob:
     def manifest(self) -> Path:
         """Path of the manifest, next to the annotated video."""
         return output_path(self.video, self.settings.output).with_suffix(".json")
+
+    @property
+    def outputs(self) -> list[Path]:
+        """The files to write, except the manifest."""
+        suffixes = [".mp4", ".csv", MESSAGES_SUFFIX] + ([".html"] if self.settings.report else [])
+        return [self.manifest.with_suffix(suffix) for suffix in suffixes]
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def annotate_many(
     counts = f"{len(finished)} of {len(videos)} drives were finished before"
     if unfinished:
         try:
-            with connect(workers, scheduler) as client, exclusive_writer(settings.output / SUMMARY):
+            with connect(workers, scheduler) as client:
                 log(f"{len(client.nthreads())} workers; dashboard: {client.dashboard_link}; {counts}")
                 from distributed import as_completed
 
@@ -124,7 +124,8 @@ def annotate_many(
         finally:
             # Workers on this machine have ended here, also after an interruption; those of a scheduler go on.
             for job in [] if scheduler else unfinished:
-                remove_stale_partials(job.manifest)
+                for leftover in chain(*map(partial_files, [*job.outputs, job.manifest])):
+                    leftover.unlink(missing_ok=True)
     table = write_telemetry(settings.output / SUMMARY, _summary_rows(finished, failed))
     log(f"{len(finished)} drives finished, {len(failed)} failed; {counts}; wrote {table}")
     return finished, list(failed.values())
@@ -174,9 +175,7 @@ def read_finished(job: DriveJob) -> FinishedDrive | None:
 
 def output_sizes(job: DriveJob) -> dict[str, int]:
     """Sizes in bytes, by name, of the outputs of a drive that exist."""
-    suffixes = [".mp4", ".csv", MESSAGES_SUFFIX] + ([".html"] if job.settings.report else [])
-    paths = [job.manifest.with_suffix(suffix) for suffix in suffixes]
-    return {path.name: path.stat().st_size for path in paths if path.is_file()}
+    return {path.name: path.stat().st_size for path in job.outputs if path.is_file()}
 
 
 # The task, which runs on a worker.
@@ -194,7 +193,6 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
     if other := ", ".join(f"{name} {found}" for name, found in all_versions().items() if found != wanted[name]):
         remedy = "install the same versions on all machines"
         return ValueError(f"the worker on {worker} has {other}, so that its results would differ; {remedy}.")
-    remove_stale_partials(job.manifest)
     try:
         result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:

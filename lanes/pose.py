@@ -21,7 +21,6 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.describe import html_table
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT
@@ -124,10 +123,6 @@ class PoseEstimate:
 
     def __repr__(self) -> str:
         return f"PoseEstimate({', '.join(f'{name} {text}' for name, text in self.summary().items())})"
-
-    def _repr_html_(self) -> str:
-        notes = {f"note {number}": note for number, note in enumerate(self.notes, 1)}
-        return html_table("Camera pose", self.summary() | notes)
 
 
 def _describe_angle(angle_rad: float, std_rad: float, positive: str, negative: str) -> str:

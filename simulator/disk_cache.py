@@ -10,9 +10,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from filelock import FileLock
 from platformdirs import user_cache_path
 
-from lanes.files import atomic_write, exclusive_writer, list_files
+from lanes.files import atomic_write, list_files
 
 
 def cache_folder() -> Path:
@@ -45,7 +46,11 @@ def cached_array(
         array = _read(path)
         if array is None:
             with suppress(OSError):
-                stack.enter_context(exclusive_writer(path, wait=True))
+                path.parent.mkdir(parents=True, exist_ok=True)
+                lock_path = path.with_name(f"{path.name}.lock")
+                stack.enter_context(FileLock(lock_path))
+                # While it is locked: a process that waits for it notices and creates the file again.
+                stack.callback(lock_path.unlink, missing_ok=True)
             array = _read(path)
         if array is None:
             array = make()

@@ -139,26 +139,11 @@ class TestOtherSizes:
         assert "board8.jpg" in camera.report.board_rms_px and camera.report.rejected == {}
         np.testing.assert_allclose(camera.matrix, expected)
 
-    def test_a_resized_picture_of_the_same_camera_is_rescaled(self, boards):
-        """Pixel centres are at integers: without the shift by half a pixel its error would be 0.35 px."""
-        expected = calibrate_boards(boards).matrix
-        half = (boards["board8.jpg"].corners_px + 0.5) / 2 - 0.5
-        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=half.astype(np.float32), size=(640, 360))
-        camera = calibrate_boards(boards)
-        assert camera.report.board_rms_px["board8.jpg"] < 0.12
-        np.testing.assert_allclose(camera.matrix, expected, atol=0.01)
-
-    def test_another_shape_is_refused_with_both_sizes(self, boards):
+    def test_another_size_is_refused_with_both_sizes(self, boards):
         boards["board8.jpg"] = replace(boards["board8.jpg"], size=(640, 480))
         report = calibrate_boards(boards).report
         assert "640x480 pixels, the others 1280x720" in report.rejected["board8.jpg"]
         assert "board8.jpg" not in report.board_rms_px
-
-    def test_the_same_shape_from_another_lens_is_refused(self, boards):
-        """The corners are those of the full picture, so at half the size they would need twice the focal length."""
-        cut_out = boards["board8.jpg"].corners_px - np.float32([600, 180])
-        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=cut_out, size=(640, 360))
-        assert "does not fit the same lens" in calibrate_boards(boards).report.rejected["board8.jpg"]
 
 
 class TestTooLittle:
@@ -179,14 +164,13 @@ class TestTooLittle:
 
 
 class TestReport:
-    """Board 17 is seen in part, 8 in a larger picture, 9 is bent; one picture shows a wall."""
+    """Board 17 is seen in part, 8 in a picture cut one pixel later, 9 is bent; one picture shows a wall."""
 
     @pytest.fixture
     def detections(self, boards) -> BoardDetections:
         part = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
         boards["board17.jpg"] = Board(part.reshape(-1, 2), 6, 5, SIZE)
-        twice = boards["board8.jpg"].corners_px * 2 + 0.5
-        boards["board8.jpg"] = replace(boards["board8.jpg"], corners_px=twice, size=(2560, 1440))
+        boards["board8.jpg"] = replace(boards["board8.jpg"], size=(1281, 721))
         bent = boards["board9.jpg"].corners_px.copy()
         bent[::7] += 6
         boards["board9.jpg"] = replace(boards["board9.jpg"], corners_px=bent)
@@ -199,7 +183,7 @@ class TestReport:
         uses = {line.split()[0]: line for line in text.splitlines()}
         assert uses["board2.jpg"].endswith(f"{camera.report.board_rms_px['board2.jpg']:.2f}  used")
         assert uses["board17.jpg"].endswith("  used, 6x5 corners of the board")
-        assert uses["board8.jpg"].endswith("  used, picture of 2560x1440")
+        assert uses["board8.jpg"].endswith("  used, picture of 1281x721")
         assert re.search(r"  -  error \d\.\d\d px, more than 2.5 times", uses["board9.jpg"])
         assert uses["wall.jpg"].endswith("  -  no chessboard")
         assert "9 of 11 pictures used, error 0.0" in text and "focal length 115" in text

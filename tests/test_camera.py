@@ -256,10 +256,6 @@ class TestCameraFile:
         again = load_camera(save_camera(camera, tmp_path / "again.yaml"))
         np.testing.assert_array_equal(again.distortion, read)
 
-    def test_files_of_version_0_1_are_read(self, tmp_path, content):
-        older = content | {"mount": content.pop("pose") | {"same_lane_share": 0.4}}
-        assert load_camera(write(tmp_path / "older.yaml", older)).pose == DASHCAM.pose
-
     @pytest.mark.parametrize("entry", ["image_width", "image_height", "camera_matrix", "distortion_coefficients"])
     def test_missing_entry_is_named(self, tmp_path, content, entry):
         del content[entry]
@@ -304,15 +300,12 @@ class TestCameraFile:
         assert load_camera(written).report.board_rms_px == report.board_rms_px
 
 
-def test_repr_gives_lens_pose_and_calibration():
-    camera = replace(
-        Camera.from_fov((640, 360), 90, CameraPose(1.3, 0.01)), report=CalibrationReport(0.254, {"a": 0.2})
-    )
+def test_repr_gives_lens_and_pose():
+    camera = Camera.from_fov((640, 360), 90, CameraPose(1.3, 0.01))
     assert repr(camera) == (
         "Camera(640x360 px, focal length 320 px, field of view 90.0 deg, no distortion, "
         "pose 1.30 m high, pitch 0.57, yaw 0.00, roll 0.00 deg)"
     )
-    assert "<th>calibration</th><td>1 boards, error 0.25 px</td>" in camera._repr_html_()
     assert "pose unknown" in repr(replace(camera, pose=None))
 
 

@@ -58,7 +58,7 @@ class TestGoodImage:
         assert [c.chosen for c in good.candidates] == [True] + [False] * (len(good.candidates) - 1)
 
     def test_terms_add_up_to_the_confidence(self, good):
-        odds = float(good.confidence_summary()[-1].split()[-1])
+        odds = float(re.search(r"  total (\S+)", good.describe())[1])
         assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.lane.confidence, abs=0.003)
 
     def test_text_has_the_numbers(self, good):

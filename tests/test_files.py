@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
 import socket
 import stat
@@ -11,19 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lanes import files
 from lanes.files import (
     atomic_write,
-    exclusive_writer,
+    partial_files,
     read_telemetry,
     read_text,
-    remove_stale_partials,
     require_file,
     write_atomically,
     write_telemetry,
 )
 from tests.support.project import names
-
-STALE = "0123456789ab"
 
 
 class CustomError(ValueError):
@@ -99,63 +96,32 @@ def test_only_files_are_replaced(tmp_path, kind, words):
         write_atomically("/dev/null", b"new")
 
 
-def test_only_stale_partial_files_are_removed(tmp_path):
-    kept = {f"b.partial.{STALE}.txt", "a.partial.txt", "a.partial.0123.txt", f"a.partial.{STALE}c.txt", "xa.txt"}
-    for name in kept | {f"a.partial.{STALE}.txt", f"a.partial.{STALE}.csv", f"a.partial.{STALE}"}:
-        (tmp_path / name).touch()
+def test_a_second_writer_is_refused_until_the_first_one_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "LOCK_TIMEOUT_S", 0.1)
+    with atomic_write(tmp_path / "a.txt") as partial:
+        with pytest.raises(OSError, match=r"a\.txt: cannot be written \(another run is writing it; wait"):
+            write_atomically(tmp_path / "a.txt", b"second")
+        write_atomically(tmp_path / "a.csv", b"another output")
+        partial.write_text("first")
+    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "first"
+    write_atomically(tmp_path / "a.txt", b"third")
+    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "third"
+
+
+def test_files_of_a_killed_writer_are_replaced(tmp_path):
+    for leftover in partial_files(tmp_path / "a.txt"):
+        leftover.write_text("of a killed process, longer than what follows")
     write_atomically(tmp_path / "a.txt", b"new")
-    assert names(tmp_path) == kept | {"a.txt"}
+    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"new"
 
 
-def test_two_writers_of_one_file_do_not_mix(tmp_path):
-    """Neither changes the other's partial file; the last one to finish replaces the first one's output."""
-    with atomic_write(tmp_path / "a.txt") as first:
-        with atomic_write(tmp_path / "a.txt") as second:
-            assert first != second and names(tmp_path) == {first.name, second.name}
-            first.write_text("first")
-            second.write_text("second")
-        assert (tmp_path / "a.txt").read_text() == "second"
-        remove_stale_partials(tmp_path / "a.txt")
-    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_text() == "first"
-
-
-def test_a_second_writer_of_any_output_of_a_drive_is_refused(tmp_path):
-    with exclusive_writer(tmp_path / "drive.mp4"):
-        with (
-            pytest.raises(OSError, match=r"drive\.csv: .*another run is writing it"),
-            exclusive_writer(tmp_path / "drive.csv"),
-        ):
-            pytest.fail("two at once")
-        with exclusive_writer(tmp_path / "other.csv"):
-            pass
-    assert names(tmp_path) == set()
-
-
-def test_without_locks_no_writer_is_refused_and_nothing_is_removed(tmp_path, monkeypatch):
+def test_a_file_system_without_locks_refuses_no_writer(tmp_path, monkeypatch):
     def cannot(*_: object) -> None:
         raise OSError(95, "Operation not supported")
 
     monkeypatch.setattr("fcntl.flock", cannot)
-    (tmp_path / f"a.partial.{STALE}.txt").touch()
-    with exclusive_writer(tmp_path / "a.txt"):
-        write_atomically(tmp_path / "a.txt", b"new")
-    assert names(tmp_path) == {"a.txt", f"a.partial.{STALE}.txt"}
-
-
-def test_a_lock_removed_by_another_run_is_created_again(tmp_path, monkeypatch):
-    """The other run ends between the opening of its lock file and the locking."""
-    lock, real = tmp_path / "a.partial.lock", fcntl.flock
-    calls = []
-
-    def late(handle: int, how: int) -> None:
-        real(handle, how)
-        calls.append(handle)
-        if len(calls) == 1:
-            lock.unlink()
-
-    monkeypatch.setattr("fcntl.flock", late)
-    with exclusive_writer(tmp_path / "a.txt"):
-        assert lock.is_file() and len(calls) == 2
+    write_atomically(tmp_path / "a.txt", b"new")
+    assert names(tmp_path) == {"a.txt"}
 
 
 # --- telemetry

@@ -33,13 +33,13 @@ def test_names_are_sorted_by_kind(tmp_path, monkeypatch):
         find_sources(["empty"])
 
 
-def test_the_content_decides_what_a_file_is(tmp_path):
-    """Also where the name says nothing or something else; what is neither is skipped in a folder, and named."""
+def test_the_name_decides_what_a_file_is(tmp_path):
+    """What is neither a picture nor a video is skipped in a folder, and named; a video that is named itself is read."""
     gray = Image.new("L", (64, 36), 90)
-    for name in ("a.jfif", "b.jpe", "c.avif", "d"):
+    for name in ("a.jfif", "b.jpe", "c.avif", "d.png"):  # the last one is a JPEG
         gray.save(tmp_path / name, format="AVIF" if name == "c.avif" else "JPEG")
     videos = {"e.m2ts": "mpegts", "f.h264": "h264", "g.3gp": "mp4", "h.wmv": "asf", "i.flv": "flv", "j.mxf": "mxf"}
-    for name, container in (videos | {"k.jpg": "mp4", "l": "matroska", "m.gif": "gif"}).items():
+    for name, container in (videos | {"k.gif": "gif", "l": "matroska"}).items():
         codec = {"asf": "wmv2", "mxf": "mpeg2video", "gif": "gif"}.get(container, "libx264")
         pixels = "rgb8" if container == "gif" else "yuv420p"
         with av.open(str(tmp_path / name), "w", format=container) as file:
@@ -52,12 +52,13 @@ def test_the_content_decides_what_a_file_is(tmp_path):
     (tmp_path / "notes.txt").write_text("notes")
     (tmp_path / "camera.yaml").write_text("image_width: 640")
     found = find_sources([str(tmp_path)])
-    assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d"]
-    assert [path.name for path in found.videos] == [*videos, "k.jpg", "l", "m.gif"]
-    assert [path.name for path in found.skipped] == ["camera.yaml", "notes.txt"]
+    assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d.png"]
+    assert [path.name for path in found.videos] == [*videos, "k.gif"]
+    assert [path.name for path in found.skipped] == ["camera.yaml", "l", "notes.txt"]
     for still in found.stills:
         assert np.abs(read_image(still).astype(int) - 90).max() < 4
-    for video in found.videos:
+    named = find_sources([str(tmp_path / "l")])
+    for video in found.videos + named.videos:
         assert len(list(read_video(video))) == 5
 
 

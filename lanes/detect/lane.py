@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std, html_table
+from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
 from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, rate_lane
 from lanes.detect.line_type import MarkingProfile, TypeVotes
 from lanes.detect.road import (
@@ -367,9 +367,6 @@ class Lane:
         words = self.summary()
         numbers = f"{words['offset']}, {self.describe_bend()}, {words['width']} wide"
         return f"Lane({self.state}, confidence {self.confidence:.2f}, {numbers})"
-
-    def _repr_html_(self) -> str:
-        return html_table("Lane", self.summary())
 
 
 def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera) -> np.ndarray:

@@ -7,7 +7,7 @@ import json
 import secrets
 import webbrowser
 from collections.abc import Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Thread
 from typing import Any
@@ -18,7 +18,7 @@ from tornado.web import Application, RequestHandler, StaticFileHandler
 
 from lanes.annotate import DriveSettings, detect_stills
 from lanes.detections import as_detection
-from lanes.files import exclusive_writer
+from lanes.files import locked, translate_write_errors
 from lanes.label.curve import label_rows
 from lanes.label.session import Session, pick_stills
 from lanes.sources import Sources
@@ -26,12 +26,16 @@ from lanes.sources import Sources
 
 def label_stills(sources: Sources, settings: DriveSettings, count: int, *, browser: bool = True) -> str:
     """Label stills, and `count` frames of each video, in the settings' output folder; returns in words what is done."""
-    with exclusive_writer(settings.output / "labels.jsonl"):
+    labels = settings.output / "labels.jsonl"
+    with ExitStack() as session_is_open:
+        with translate_write_errors(labels):
+            settings.output.mkdir(parents=True, exist_ok=True)
+            session_is_open.enter_context(locked(settings.output / "labels.session.lock"))
         picked = [still for video in sources.videos for still in pick_stills(video, settings, count)]
         session = Session(settings.output, [*sources.stills, *picked])
         with suppress(KeyboardInterrupt):
             asyncio.run(_serve(session, settings, browser))
-    return f"{sum(session.saved())} of {len(session.stills)} stills have a label in {settings.output / 'labels.jsonl'}"
+    return f"{sum(session.saved())} of {len(session.stills)} stills have a label in {labels}"
 
 
 async def _serve(session: Session, settings: DriveSettings, browser: bool) -> None:

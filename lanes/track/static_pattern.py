@@ -8,27 +8,17 @@ detected lines are called static.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import exp
 
 import numpy as np
 
-
-@dataclass(frozen=True)
-class StaticParameters:
-    """When a place of the picture counts as static."""
-
-    # Smallest share of the samples in which the place is occupied, and the number of samples needed.
-    min_share: float = 0.7
-    min_samples: float = 6.0
-    # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
-    # stands, everything is static, and the sample is left out.
-    min_moved: float = 0.3
-    # Samples after which the weight of a sample has fallen to 1 / e.
-    memory: float = 30.0
-
-
-STATIC = StaticParameters()
+# A place of the picture is static if it is occupied in this share of the samples, of which this number is needed.
+MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
+# Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
+# stands, everything is static, and the sample is left out.
+MIN_MOVED = 0.3
+# Samples after which the weight of a sample has fallen to 1 / e.
+MEMORY = 30.0
 
 
 class StaticPattern:
@@ -56,9 +46,9 @@ class StaticPattern:
         compared = comparable[column]
         moved = ~self._previous[row, column][compared]
         self._previous, self._previous_seen = occupied, seen
-        if not len(moved) or moved.mean() < STATIC.min_moved:
+        if not len(moved) or moved.mean() < MIN_MOVED:
             return
-        kept = exp(-1 / STATIC.memory)
+        kept = exp(-1 / MEMORY)
         self._counts[:, seen] *= kept
         self._counts[:, seen] += occupied[:, seen]
         self._samples[seen] *= kept
@@ -67,4 +57,4 @@ class StaticPattern:
     def is_static(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
         """(N,) bool: the places are occupied in most samples."""
         samples = self._samples[column]
-        return (samples >= STATIC.min_samples) & (self._counts[row, column] >= STATIC.min_share * samples)
+        return (samples >= MIN_SAMPLES) & (self._counts[row, column] >= MIN_SHARE * samples)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.describe import html_table
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.fit import Fit
@@ -198,22 +197,9 @@ class LaneTracker:
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
         self._unseen_s = self._since_search_s = 0.0
 
-    def summary(self) -> dict[str, str]:
-        """Settings and current result in words, by name."""
-        camera = self.view.camera
-        return {
-            "camera": f"{camera.width}x{camera.height} px, {self.view.height_m:.2f} m above the road",
-            "frames a second": f"{self.fps:g}",
-            "speed": "estimated" if self.speed_mps is None else f"{3.6 * self.speed_mps:.0f} km/h, given",
-            **(self._lane.summary() if self._lane else {"state": LOST}),
-        }
-
     def __repr__(self) -> str:
         camera = self.view.camera
         return f"LaneTracker({camera.width}x{camera.height} px, {self.fps:g} frames a second, {self._state})"
-
-    def _repr_html_(self) -> str:
-        return html_table("LaneTracker", self.summary())
 
     def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> Lane | None:
         """Process the next image.

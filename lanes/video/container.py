@@ -36,7 +36,7 @@ def open_video(path: str | Path) -> InputContainer:
     Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
     """
     path = require_file(path, "video", error=VideoError)
-    # FFmpeg decodes the first frames while it opens a file: the limit applies to these.
+    # FFmpeg decodes the first frames while it opens a file: the limit applies to these, and below to all others.
     options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
     try:
         # Without the prefix a name such as "concat:a.mp4" would select a protocol.
@@ -53,9 +53,9 @@ def open_video(path: str | Path) -> InputContainer:
     return container
 
 
-def decode_frames(container: InputContainer, stream: av.stream.Stream) -> Iterator[Any]:
-    """The undamaged frames of a stream in order: of video or sound."""
-    ordered = stream.type == "video" and container.format.name in WITHOUT_PRESENTATION_TIMES
+def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+    """The undamaged frames of a video stream in order."""
+    ordered = container.format.name in WITHOUT_PRESENTATION_TIMES
     stamps: list[int] = []  # of packets whose frames are not decoded yet
     for packet in read_packets(container, stream):
         if ordered and packet.size and packet.pts is not None:
@@ -109,17 +109,11 @@ def start_time(stream: av.VideoStream, path: str | Path) -> Fraction:
 
 
 def _describe_fault(container: InputContainer) -> str:
-    """What is wrong with a file without a video stream or a decoder for it, or with too large frames; else empty."""
+    """What is wrong with a file without a video stream or a decoder for it; else empty."""
     if not container.streams.video:
         kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
         return f"holds no frame of a video (its streams: {kinds}); name a video file."
-    codec = container.streams.video[0].codec_context
-    if codec is None:
-        return NOT_DECODED
-    if codec.width * codec.height > MAX_PIXELS:
-        most = f"more than the maximum of {MAX_PIXELS / 1e6:.0f} million"
-        return f"claims {codec.width}x{codec.height} pixels, {most}; convert it to a smaller size."
-    return ""
+    return NOT_DECODED if container.streams.video[0].codec_context is None else ""
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import inspect
 import os
-import signal
 import sys
-import threading
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Iterator, Mapping
@@ -47,8 +45,8 @@ def process_video(
     Parameters
     ----------
     source, target : str or Path
-        `target` ends in .mp4 and is written atomically: after an exception, Ctrl-C or SIGTERM an earlier file of that
-        name is unchanged, and no other file remains. It has the frame rate, time stamps and colour space of `source`.
+        `target` ends in .mp4 and is written atomically: after an exception or Ctrl-C an earlier file of that name is
+        unchanged, and no other file remains. It has the frame rate and time stamps of `source`.
     function : callable
         Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an RGB image, or a pair of that
         and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's thread. All
@@ -85,13 +83,12 @@ def process_video(
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
-    writer = VideoWriter(target, fps=info.fps, colours=info.colours, sound_from=sound_from)
+    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from)
     try:
         takes_time = "elapsed_s" in inspect.signature(function).parameters
     except ValueError:
         takes_time = False  # functions written in C have no signature
     with (
-        _sigterm_as_exception(),
         # This order renames the telemetry file only after the video.
         telemetry or nullcontext() as table,
         writer,
@@ -168,18 +165,3 @@ def progress_bar(info: VideoInfo, *, start_s: float, end_s: float | None, shown:
     # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
     interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
     return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and interactive))
-
-
-@contextmanager
-def _sigterm_as_exception() -> Iterator[None]:
-    """Turn SIGTERM into an exception, as for Ctrl-C, so that unfinished files are removed."""
-    in_main = threading.current_thread() is threading.main_thread()
-    # Python allows handlers in the main thread only; a handler of the caller is kept.
-    ours = in_main and signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
-    if ours:
-        signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    try:
-        yield
-    finally:
-        if ours:
-            signal.signal(signal.SIGTERM, signal.SIG_DFL)

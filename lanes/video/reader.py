@@ -6,19 +6,17 @@
 from __future__ import annotations
 
 import math
-import struct
 from collections.abc import Generator, Iterator
 from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 
 import av
 import numpy as np
 from av.container import InputContainer
-from av.video.reformatter import ColorRange, VideoReformatter
+from av.video.reformatter import VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.video.container import (
@@ -38,44 +36,14 @@ from lanes.video.robot_log import decode_image, index_log, is_robot_log, open_lo
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
-# Largest share of a file's bytes behind the last packet, as of an index.
-MAX_INDEX_SHARE = 0.3
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
-# Boxes of an mp4 file that are looked at; one of 10 hours that is written in pieces of a second has 72,000.
-MAX_BOXES = 100_000
 # EXIF orientations of images that need 0 to 3 quarter turns to the left to be upright.
 TURNED = (1, 8, 3, 6)
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
 # The rate is constant if average rate and base rate differ by a smaller share than this.
 SAME_RATE = 0.02
-# Code point of an unspecified colour property: ITU-T H.273, tables 2 to 4.
-UNSPECIFIED = 2
-# Matrices that FFmpeg converts from and to RGB: BT.709, FCC, BT.601 (twice), SMPTE 240M and BT.2020 (H.273, table 4).
-YUV_MATRICES = {1, 4, 5, 6, 7, 9}
-
-
-@dataclass(frozen=True)
-class ColourTags:
-    """Colour space of a video in code points of Recommendation ITU-T H.273, tables 2 to 4.
-
-    By default the matrix of BT.601, which FFmpeg assumes for untagged videos, in the limited range 16 to 235 (MPEG; the
-    full range is JPEG's), with the primaries and the transfer function of BT.709.
-    """
-
-    matrix: int = 6
-    range: int = ColorRange.MPEG
-    primaries: int = 1
-    transfer: int = 1
-
-    @classmethod
-    def of(cls, frame: av.VideoFrame) -> ColourTags:
-        """The tags of a decoded frame; what it leaves unspecified, and the matrix of RGB, are the defaults."""
-        matrix = frame.colorspace if frame.colorspace in YUV_MATRICES else cls.matrix
-        primaries, transfer = (1 if n == UNSPECIFIED else int(n) for n in (frame.color_primaries, frame.color_trc))
-        full = frame.color_range == ColorRange.JPEG and not frame.format.is_rgb
-        return cls(int(matrix), ColorRange.JPEG if full else ColorRange.MPEG, primaries, transfer)
 
 
 @dataclass(frozen=True)
@@ -83,7 +51,7 @@ class VideoInfo:
     """Properties of a video file.
 
     Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
-    announces or the time stamps have gaps for, but that are not in the file. `note` names a part that is not read.
+    announces or the time stamps have gaps for, but that are not in the file.
     """
 
     width: int
@@ -93,8 +61,6 @@ class VideoInfo:
     duration_s: float
     has_audio: bool
     missing: int = 0
-    colours: ColourTags = ColourTags()
-    note: str = ""
     topic: str | None = None  # of the images in a robot log
 
 
@@ -123,11 +89,10 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
         return VideoInfo(*log.size, log.fps, count, length_s, False, int(log.numbers[-1]) + 1 - count, topic=log.topic)
     with open_video(path) as container:
         stream = container.streams.video[0]
-        stored, stamps, end_s, end_byte, first = 0, [], 0.0, 0, None
+        stored, stamps, end_s, first = 0, [], 0.0, None
         for packet in read_packets(container):
             if packet.pts is not None:
                 end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            end_byte = max(end_byte, (packet.pos or 0) + packet.size)
             if packet.stream is stream:
                 stored += packet.size > 0
                 # A clip cut without re-encoding begins with frames that are only references for later ones.
@@ -147,8 +112,6 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
             duration_s=round(float((len(stamps) + gaps) / rate), 6),
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
-            colours=ColourTags.of(first),
-            note=_describe_unread(Path(path), end_byte),
         )
 
 
@@ -188,7 +151,8 @@ def read_timed_frames(
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
     The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
-    skipped; if the frame rate is constant, their numbers are skipped too. `topic` is as for `inspect_video`. Raises
+    skipped; if the frame rate is constant, their numbers are skipped too. In a video of variable rate that is not read
+    from its start, the first number follows from the average rate. `topic` is as for `inspect_video`. Raises
     FileNotFoundError, or VideoError if the file is not a video, its frame size changes, or it ends before `start_s`.
     """
     start_s = require_number(start_s, "start_s")
@@ -216,7 +180,7 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
                 rate, size = frame_rate(stream, path), _square_size(frame, stream)
                 converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
                 even = _rate_is_constant(rate, stream)
-                number = round(time_s * rate) if even or start_s == 0 else _count_before(path, frame.pts)
+                number = round(time_s * rate)
             else:
                 number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
             elapsed_s = None if last is None else float(time_s) - last.time_s
@@ -307,24 +271,6 @@ def _shown_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
     return (height, width) if _quarter_turns(frame) % 2 else (width, height)
 
 
-def _count_before(path: str | Path, pts: int | None) -> int:
-    """Number of frames before that with the time stamp `pts`, in a video of variable rate."""
-    return 0 if pts is None else int(np.searchsorted(_stamps(path), pts))
-
-
-def _stamps(path: str | Path) -> np.ndarray:
-    """Time stamps of all frames, sorted; reads the file once for calls in a row."""
-    file = Path(path).stat()
-    return _sorted_stamps(str(path), file.st_mtime_ns, file.st_size)
-
-
-@lru_cache(maxsize=1)
-def _sorted_stamps(path: str, *version: int) -> np.ndarray:
-    with open_video(path) as container:
-        packets = read_packets(container, container.streams.video[0])
-        return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
-
-
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
     return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
 
@@ -347,32 +293,3 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     begin = 0 if "matroska" in container.format.name else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
     return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0
-
-
-def _describe_unread(path: Path, end_byte: int) -> str:
-    """What of a file is not read: a second video behind the first, as `cat` joins them; else empty.
-
-    `end_byte` is the end of the last packet. Behind it is at most an index, in an mp4 or mov a long one.
-    """
-    size = path.stat().st_size
-    begin = _second_mp4(path)
-    if begin is None:
-        begin = end_byte if 0 < end_byte < (1 - MAX_INDEX_SHARE) * size else size
-    share = 1 - begin / size
-    return f"a second video follows in this file ({share:.0%} of its bytes) and is not read; split it." if share else ""
-
-
-def _second_mp4(path: Path) -> int | None:
-    """First byte of the second mp4 or mov file in a file, its size if there is none, and None if it is no mp4."""
-    at, size = 0, path.stat().st_size
-    with path.open("rb") as file:
-        for _ in range(MAX_BOXES):
-            file.seek(at)
-            header = file.read(16).ljust(16, b"\0")
-            length, kind, long_length = struct.unpack(">I4sQ", header)
-            if at == 0 and kind != b"ftyp":
-                return None
-            if at >= size or (at and kind == b"ftyp"):
-                return min(at, size)
-            at += max({0: size, 1: long_length}.get(length, length), 8)
-    return size

@@ -17,7 +17,6 @@ import numpy as np
 
 from lanes.errors import LaneError, VideoError
 from lanes.files import require_file
-from lanes.images import LOG_SUFFIXES
 from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 
 IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
@@ -46,7 +45,7 @@ class LogIndex:
 
 def is_robot_log(path: str | Path) -> bool:
     """Whether a file is a robot log: by its name, as rosbags decides."""
-    return Path(path).suffix in LOG_SUFFIXES
+    return Path(path).suffix in (".bag", ".db3", ".mcap")
 
 
 def index_log(path: str | Path, topic: str | None = None) -> LogIndex:

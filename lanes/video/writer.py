@@ -13,30 +13,27 @@ import av
 import cv2
 import numpy as np
 from av.container import InputContainer, OutputContainer
-from av.video.reformatter import ColorRange, VideoReformatter
 
 from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
-from lanes.video.container import MAX_FPS, MIN_FPS, decode_frames, open_video, start_time, translate_errors
-from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, ColourTags, inspect_video
+from lanes.video.container import MAX_FPS, MIN_FPS, open_video, start_time, translate_errors
+from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, inspect_video
 
-# Audio codecs that mp4 allows and browsers play. Any other is re-encoded as AAC, also MP3, which mp4 does not allow at
-# every sampling rate.
-_COPIED_CODECS = {"aac", "opus", "flac"}
-# Sampling rate of re-encoded sound whose own rate AAC does not have, Hz.
-_SOUND_RATE_HZ = 48_000
-# Matrix code points of BT.601: ITU-T H.273, table 4.
-BT601_MATRICES = {5, 6}
+# Audio codecs that mp4 allows at every sampling rate, and browsers play.
+SOUND_CODECS = {"aac", "opus", "flac"}
 # x264's default for constant quality.
 CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 ENCODER_THREADS = 4
+# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg assumes for videos without tags;
+# players disagree on these.
+COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `COLOUR_TAGS`.
 
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
     the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
@@ -48,11 +45,9 @@ class VideoWriter:
         Ends in .mp4; the folder is created where needed.
     fps : float
         Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
-    colours : ColourTags
-        Colour space that the RGB images are encoded in, and tagged with.
     sound_from : str or Path, optional
-        A video whose sound is copied or re-encoded, from the time of the first written frame to that of the last. Sound
-        that cannot be decoded is left out.
+        A video whose sound is copied, from the time of the first written frame to that of the last, if it has one of
+        `SOUND_CODECS`.
 
     Raises
     ------
@@ -65,7 +60,6 @@ class VideoWriter:
         path: str | Path,
         *,
         fps: float,
-        colours: ColourTags = ColourTags(),  # noqa: B008 - immutable
         sound_from: str | Path | None = None,
     ) -> None:
         self.path = Path(path)
@@ -79,8 +73,7 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
-        self._colours, self._sound_from = colours, sound_from
-        self._converter = VideoReformatter()
+        self._sound_from = sound_from
         self._resources = ExitStack()
         self._sound: SoundTrack | None = None
         self._container: OutputContainer | None = None
@@ -121,8 +114,9 @@ class VideoWriter:
             raise VideoError(f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size.")
         if height % 2 or width % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
-        frame = self._to_yuv(image)
-        _tag(frame, self._colours)
+        planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
+        frame = av.VideoFrame.from_ndarray(np.asarray(planes, np.uint8), format="yuv420p")
+        _tag(frame)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -137,28 +131,13 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> OutputContainer:
         size = frame.width, frame.height
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick, self._colours)
+        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick)
         self._container = container
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
             source = self._resources.enter_context(open_video(self._sound_from))
             self._sound = SoundTrack(source, container, start_s=self._zero_s)
         return container
-
-    def _to_yuv(self, image: np.ndarray) -> av.VideoFrame:
-        """The image in YUV 4:2:0; its width and height are even."""
-        if self._colours.matrix in BT601_MATRICES and self._colours.range != ColorRange.JPEG and len(image) % 4 == 0:
-            # A third of FFmpeg's time, for untagged videos in particular. PyAV miscounts the rows of other heights.
-            planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-            return av.VideoFrame.from_numpy_buffer(np.asarray(planes, np.uint8), format="yuv420p")
-        return self._converter.reformat(
-            av.VideoFrame.from_numpy_buffer(image, format="rgb24"),
-            format="yuv420p",
-            src_color_range=ColorRange.JPEG,
-            dst_colorspace=self._colours.matrix,
-            dst_color_range=self._colours.range,
-            threads=1,
-        )
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
@@ -175,7 +154,7 @@ class VideoWriter:
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
+                self._sound.write_until((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
@@ -193,72 +172,47 @@ class VideoWriter:
 
 
 class SoundTrack:
-    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
+    """The first sound track of `source` in one of `SOUND_CODECS`, copied to `target` interleaved with the frames."""
 
     def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
         self._source, self._target, self._start_s = source, target, start_s
-        # A track in a codec that FFmpeg does not know has no codec context; it is left out.
-        self._input = next((track for track in self._source.streams.audio if track.codec_context), None)
-        self._copied = self._input is not None and self._input.codec_context.name in _COPIED_CODECS
-        self._pieces: Iterator[tuple[float, av.Packet | av.AudioFrame]] = iter(())
-        if self._input is not None:
-            known = self._input.rate in (av.Codec("aac", "w").audio_rates or ())
-            self._output = (
-                target.add_stream_from_template(self._input)
-                if self._copied
-                else target.add_stream("aac", rate=self._input.rate if known else _SOUND_RATE_HZ)
-            )
-            self._pieces = self._from_start(self._input)
-        self._next = next(self._pieces, None)
+        # A track in a codec that FFmpeg does not know has no codec context.
+        known = (track for track in source.streams.audio if track.codec_context)
+        track = next((track for track in known if track.codec_context.name in SOUND_CODECS), None)
+        self._packets = iter(()) if track is None else self._from_start(track)
+        self._next = next(self._packets, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None and self._next[0] < time_s:
-            self._write(self._next[1])
-            self._next = next(self._pieces, None)
+            # FFmpeg refuses, for instance, damaged packets and repeated time stamps; the video goes on.
+            with suppress(ValueError):
+                self._target.mux(self._next[1])
+            self._next = next(self._packets, None)
 
-    def finish(self, time_s: float) -> None:
-        """Write the sound before `time_s` and flush the encoder."""
-        self.write_until(time_s)
-        if self._input is not None and not self._copied:
-            self._write(None)
-
-    def _write(self, piece: av.Packet | av.AudioFrame | None) -> None:
-        """Write a packet or frame, or flush the encoder. One that FFmpeg refuses is left out; the video goes on."""
-        if isinstance(piece, av.Packet):
-            piece.stream = self._output
-        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and a changed number of channels.
-        with suppress(ValueError):
-            self._target.mux(piece if isinstance(piece, av.Packet) else self._output.encode(piece))
-
-    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet | av.AudioFrame]]:
-        """Packets to copy or frames to encode from `start_s` on, with their times since then."""
-        path = self._source.name.removeprefix("file:")
+    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet]]:
+        """Packets from `start_s` on, for the output, with their times since then."""
+        path, output = self._source.name.removeprefix("file:"), self._target.add_stream_from_template(sound)
         zero_s = self._start_s + float(start_time(self._source.streams.video[0], path))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
-        pieces = self._source.demux(sound) if self._copied else decode_frames(self._source, sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, path):
-            if piece.pts is None:
+        for packet in translate_errors(self._source.demux(sound), path):
+            if packet.pts is None:
                 continue
-            time_s = float(piece.pts * piece.time_base) - zero_s
+            time_s = float(packet.pts * packet.time_base) - zero_s
             if time_s < last_s - CLOCK_RESET_S:
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s
-            if not self._copied:
-                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
-                piece.time_base = Fraction(1, piece.sample_rate)
-            piece.pts = round(time_s / piece.time_base)
-            if self._copied:
-                piece.dts = piece.pts
-            if piece.pts >= 0:
-                yield time_s, piece
+            packet.stream, packet.pts = output, round(time_s / packet.time_base)
+            packet.dts = packet.pts
+            if packet.pts >= 0:
+                yield time_s, packet
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction, colours: ColourTags
+    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction
 ) -> tuple[OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
@@ -269,14 +223,13 @@ def open_mp4(
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
     codec.thread_count = ENCODER_THREADS
-    # Players disagree on the colours of video without these tags.
-    _tag(codec, colours)
+    _tag(codec)
     return container, stream
 
 
-def _tag(target: av.VideoCodecContext | av.VideoFrame, colours: ColourTags) -> None:
-    target.colorspace, target.color_primaries = colours.matrix, colours.primaries
-    target.color_trc, target.color_range = colours.transfer, colours.range
+def _tag(target: av.VideoCodecContext | av.VideoFrame) -> None:
+    for name, code in COLOUR_TAGS.items():
+        setattr(target, name, code)
 
 
 def _close_quietly(container: OutputContainer) -> None:

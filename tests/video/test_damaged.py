@@ -85,7 +85,7 @@ def test_a_huge_size_inside_a_video_is_damage(tmp_path, name, codec, pixels, mar
 
 def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
     monkeypatch.setattr(container, "MAX_PIXELS", 160 * 96 - 1)
-    with pytest.raises(VideoError, match=r"drive\.mp4: claims 160x96 pixels|cannot be decoded"):
+    with pytest.raises(VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"):
         inspect_video(video)
     assert MAX_PIXELS > 7680 * 4320
 
@@ -147,17 +147,6 @@ def test_frames_that_only_the_header_has_are_missing(tmp_path):
     assert (inspect_video(path).frames, inspect_video(path).missing) == (50, 50)
     written = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert (written.frames, written.missing) == (50, 50)
-
-
-@pytest.mark.parametrize("suffix", ["mp4", "mov"])
-def test_a_second_video_behind_the_first_is_named(tmp_path, suffix):
-    part = make_video(tmp_path / f"part.{suffix}", 50).read_bytes()
-    (tmp_path / f"both.{suffix}").write_bytes(part + part)
-    info = inspect_video(tmp_path / f"both.{suffix}")
-    assert info.frames == 50 and info.note == (
-        "a second video follows in this file (50% of its bytes) and is not read; split it."
-    )
-    assert inspect_video(tmp_path / f"part.{suffix}").note == ""
 
 
 def test_a_part_inside_a_hole_is_named(tmp_path):

@@ -15,7 +15,7 @@ import pytest
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.video.process import process_video
-from lanes.video.reader import inspect_video, read_timed_frames, read_video
+from lanes.video.reader import read_timed_frames, read_video
 from lanes.video.writer import VideoWriter
 from tests.video.sample_videos import NTSC, make_video, number_of, numbered, unchanged
 
@@ -81,8 +81,7 @@ def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
 def test_threads_change_nothing(repeatable, tmp_path):
     """A loop without threads gives the same bytes and the same telemetry."""
     plain, rows = StatefulFunction(), []
-    colours = inspect_video(repeatable).colours
-    with VideoWriter(tmp_path / "plain.mp4", fps=25, colours=colours, sound_from=repeatable) as writer:
+    with VideoWriter(tmp_path / "plain.mp4", fps=25, sound_from=repeatable) as writer:
         for frame in read_timed_frames(repeatable, start_s=0.4):
             image, row = plain(frame.image)
             rows.append({"frame": frame.number, "time_s": frame.time_s} | row)
