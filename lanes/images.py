@@ -24,8 +24,10 @@ _QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", 
 # Formats that are read, with Pillow's names, and the ends of the names of pictures and videos.
 READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
 PICTURE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
-VIDEO_NAMES = r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc"
+VIDEO_NAMES = (
+    r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc"
     r"|bag|db3|mcap)$"
+)
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those of the stored one.
 _UPRIGHT_AXES = {
     1: ((1, 0), (0, 1)),
