@@ -61,12 +61,9 @@ WIPER_SHARE, CAPTION_SHARE = 0.07, 0.07
 # Joints of slabs beside the lines: ranges of the distance from the line, width and strength; width of tar seams.
 JOINT_GAP_M, JOINT_WIDTH_M, JOINT_STRENGTH, TAR_SEAM_WIDTH_M = (0.02, 0.3), (0.01, 0.04), (0.3, 0.9), (0.01, 0.12)
 # Largest number of streaks along the road; ranges of position, width, soft edge, and colour relative to the pavement.
-# The wide ones are strips of other pavement and shadows along the road: an edge of theirs is no border.
-STREAKS, STREAK_M, STREAK_WIDTH_M, STREAK_SOFT_M, STREAK_COLOUR = 4, (-6.0, 6.0), (0.15, 4.0), (0.02, 0.2), (0.5, 1.35)
+STREAKS, STREAK_M, STREAK_WIDTH_M, STREAK_SOFT_M, STREAK_COLOUR = 4, (-6.0, 6.0), (0.15, 0.8), (0.02, 0.2), (0.7, 1.35)
 # Share of the pictures that are blurred or sharpened, and of those that are compressed; standard deviation of the blur.
 DEGRADED_SHARE, BLUR_PX, JPEG_QUALITY = 0.5, (0.5, 1.0), (50, 96)
-# Share of the pictures whose noise and grain are removed, as phones do, and the grey levels that are smoothed.
-DENOISED_SHARE, DENOISED_LEVELS = 0.2, (10.0, 40.0)
 # Lines that are painted over or ground off (darker than this) stay in the picture without lane lines.
 PAINT_FROM = 0.5
 # Difference of both pictures, in grey levels and relative to the largest one nearby (columns): paint has at least the
@@ -288,8 +285,7 @@ def draw_seams(
     pavement = np.array(MATERIALS[surface.zones[0].material].colour)
     for _ in range(rng.integers(STREAKS + 1)):
         colour = np.minimum(pavement * rng.uniform(*STREAK_COLOUR), 0.75).tolist()
-        lateral_m, soft_m = rng.uniform(*STREAK_M), rng.uniform(*STREAK_SOFT_M)
-        width_m = float(np.exp(rng.uniform(*np.log(STREAK_WIDTH_M))))
+        lateral_m, width_m, soft_m = (rng.uniform(*r) for r in (STREAK_M, STREAK_WIDTH_M, STREAK_SOFT_M))
         seams.append(Seam(lateral_m, width_m, 0.05, strength=0.7, colour=tuple(colour), soft_m=soft_m))
     return tuple(seams)
 
@@ -344,8 +340,6 @@ def degrade(image: np.ndarray, variety: Variety, rng: np.random.Generator) -> tu
     levels = 255 * (np.arange(256) / 255) ** rng.uniform(0.8, 1.25) * rng.uniform(*variety.gain)
     image = cv2.LUT(image, np.clip(levels, 0, 255).astype(np.uint8))
     image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    if rng.random() < DENOISED_SHARE:
-        image = cv2.bilateralFilter(image, 9, rng.uniform(*DENOISED_LEVELS), 3)
     blurred = cv2.GaussianBlur(image, (0, 0), rng.uniform(*BLUR_PX))
     # 1 blurs, -1 sharpens
     share = rng.uniform(-1, 1) if rng.random() < DEGRADED_SHARE else 0.0
