@@ -16,10 +16,10 @@ from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.images import read_image
-from lanes.labels import EGO_SIDES, LaneColumns
-from lanes.pose import PoseEstimate, ensure_pose
+from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns
+from lanes.pose import PoseEstimate, detect_in_drive, ensure_pose
 from lanes.score import PictureScore, lateral_errors_m, reliability, score_picture, summarize
-from lanes.stills import find_lane
+from lanes.stills import StillDetection
 
 # Distances at which lines are compared.
 COMPARED_AT_M = np.array([8.0, 15.0, 25.0])
@@ -39,25 +39,34 @@ def score_pictures(
     camera: Camera,
     systems: Sequence[str],
     *,
+    detect: Callable[[np.ndarray], StillDetection],
     progress: Callable[[int, int], None] | None = None,
-    markings: Markings | None = None,
-) -> dict[str, list[PictureScore]]:
-    """Scores of systems on labelled pictures (height, width, 3) uint8, each processed independently.
+) -> tuple[dict[str, list[PictureScore]], list[StillCheck]]:
+    """Scores of systems on labelled pictures (height, width, 3) uint8, and checks of the lanes that `detect` finds.
 
+    Each picture is processed independently. `detect` is tracker and detector; there are no checks without one of them.
     `progress` is called as progress(pictures done, pictures in total). Raises PictureError if a picture is not of the
     camera's size.
     """
-    detectors = {system: column_detector(system, camera, markings=markings) for system in systems}
+    others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
     scores: dict[str, list[PictureScore]] = {system: [] for system in systems}
+    checks = []
     for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
         camera.require_size(image, label.name)
-        for system, detect in detectors.items():
-            columns = np.round(detect(image, label.rows), 1)
-            found = LaneColumns(label.name, label.rows, columns, EGO_SIDES)
-            scores[system].append(score_picture(label, found, camera.size))
+        columns = {system: columns_of(image, label.rows) for system, columns_of in others.items()}
+        if len(others) < len(systems):
+            found = detect(image)
+            of_lane = np.full((2, len(label.rows)), NO_POINT)
+            if found.lane is not None:
+                of_lane = found.lane.columns(found.camera, label.rows)
+                checks.append(check_lane(found.lane, label, found.camera))
+            columns |= {system: of_lane for system in systems if system not in others}
+        for system, some in columns.items():
+            lines = LaneColumns(label.name, label.rows, np.round(some, 1), EGO_SIDES)
+            scores[system].append(score_picture(label, lines, camera.size))
         if progress:
             progress(done, len(labels))
-    return scores
+    return scores, checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,11 +100,10 @@ def score_folder(
     `ensure_pose` and `score_pictures`.
     """
     camera, estimate = ensure_pose(lens, files, progress=progress("pose"), markings=markings)
-    report = progress("stills")
-    scores = score_pictures(labels, map(read_image, files), camera, systems, progress=report, markings=markings)
-    detects = not {TRACKER, DETECTOR}.isdisjoint(systems)
-    checks = check_stills(labels, map(read_image, files), camera, markings=markings) if detects else []
-    return LabelledFolder(scores, checks, estimate)
+    detect, report = (lambda image: detect_in_drive(image, camera, estimate, markings)[0]), progress("stills")
+    pictures = map(read_image, files)
+    scored = score_pictures(labels, pictures, camera, systems, detect=detect, progress=report)
+    return LabelledFolder(*scored, estimate)
 
 
 def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[PictureScore]]:
@@ -124,22 +132,6 @@ class StillCheck:
     z: np.ndarray
     other_lines: int
     score: PictureScore
-
-
-def check_stills(
-    labels: Sequence[LaneColumns],
-    pictures: Iterable[np.ndarray],
-    camera: Camera,
-    *,
-    markings: Markings | None = None,
-) -> list[StillCheck]:
-    """Checks of the lanes that are detected in labelled pictures, each processed independently."""
-    checks = []
-    for label, image in zip(labels, pictures, strict=True):
-        lane = find_lane(image, camera, markings=markings)
-        if lane is not None:
-            checks.append(check_lane(lane, label, camera))
-    return checks
 
 
 def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:

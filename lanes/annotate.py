@@ -18,7 +18,6 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.draw import draw_lane, track_lane
@@ -27,11 +26,11 @@ from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
-from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
+from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from lanes.report.moments import Telemetry, seconds_lost, share_tracked
 from lanes.report.page import write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
-from lanes.stills import StillDetection, detect_still
+from lanes.stills import StillDetection
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
 from lanes.video.process import process_video, progress_bar, read_ahead
@@ -436,12 +435,5 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
     for path in usable:
         if not alone:
             image, began_s = read_image(path), time.perf_counter()
-        # The estimate of the pose from a single still has found the lane already.
-        of_still, found = pose, pose and pose.still
-        detection = found or detect_still(image, camera, markings=settings.markings)
-        if pose and not alone and (pose.lane_width_m is None or detection.confidence < LIKELY_CONFIDENCE):
-            # The pose of the others may not be that of this still.
-            own = estimate_pose(image, settings.camera_for((width, height), path), markings=settings.markings)
-            if own.still and own.still.confidence > detection.confidence:
-                detection, of_still = own.still, own
+        detection, of_still = detect_in_drive(image, camera, pose, settings.markings)
         yield StillResult(path, image, detection, of_still, 1e3 * (time.perf_counter() - began_s))

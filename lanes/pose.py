@@ -11,6 +11,7 @@ No drive is refused: where few images show a lane, the pose is doubtful, and the
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
 from operator import attrgetter
@@ -21,10 +22,10 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT
-from lanes.errors import PoseError
+from lanes.errors import CameraError, PoseError
 from lanes.sources import find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
@@ -228,6 +229,29 @@ def _first_images(images: list[np.ndarray]) -> list[np.ndarray]:
     """At most `FIRST_IMAGES` of the images, evenly spaced."""
     chosen = np.linspace(0, len(images) - 1, min(len(images), FIRST_IMAGES)).round().astype(int)
     return [images[k] for k in chosen]
+
+
+def detect_in_drive(
+    image: np.ndarray, camera: Camera, drive: PoseEstimate | None, markings: Markings | None = None
+) -> tuple[StillDetection, PoseEstimate | None]:
+    """What is found in an image of a drive, and the pose estimate that it was found with.
+
+    `drive` is the estimate that `ensure_pose` returned with the camera. If it is None, the pose is known. Otherwise the
+    pitch of the image differs a little from that of the drive, and poses near it are tried. If they show no sure lane,
+    the pose is also estimated from the image alone, and the more probable lane is taken. Errors are those of
+    `find_lane`.
+    """
+    if drive is None:
+        return detect_still(image, camera, markings=markings), None
+    if drive.still:
+        return drive.still, drive
+    found = detect_with_own_pose(image, camera, 0.0, markings)
+    if found.confidence < SURE_CONFIDENCE or drive.lane_width_m is None:
+        with suppress(CameraError):
+            own = estimate_pose(image, camera, markings=markings)
+            if own.still and own.still.confidence > found.confidence:
+                return own.still, own
+    return found, drive
 
 
 def ensure_pose(camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:

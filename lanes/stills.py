@@ -17,19 +17,23 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
+from lanes.detect.confidence import log_odds
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.search import DETECTOR, DetectorSettings, Search, more_probable, search_lane
+from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
 from lanes.errors import CameraError
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
 # Poses that are tried: steps of the logarithm of the height, in standard deviations of the estimate, and of the pitch,
-# degrees. More poses, and wider views than this, did not improve the lanes (docs/ablation.md).
+# degrees; the second ones if the height is known. More poses did not improve the lanes (docs/ablation.md).
 TRIED_STEPS = ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, -0.4), (0.0, 0.4))
-TRIED_HALF_WIDTH_M = 6.5
+TRIED_PITCH_STEPS = ((0.0, 0.0), (0.0, -0.4), (0.0, 0.4), (0.0, -0.8), (0.0, 0.8))
+# The network's view of a single image: in a wider one it finds more that is no lane (docs/ablation.md).
+CLOSE_HALF_WIDTH_M = 6.5
+# A lane of the band filter with less confidence is looked for with the network, too.
+BAND_CONFIDENCE = 0.95
 # Standard deviation of the pitch of the road relative to the estimate, degrees.
 PITCH_STD_DEG = 0.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
@@ -92,23 +96,23 @@ def detect_still(
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
-    The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is taken if it
-    is clearly more probable, or if the band filter finds none. Stripes of a mask replace or join them.
+    The band filter finds the stripes. If its lane is not nearly certain, the lane is that of the network, if there is
+    one: the network sees worn lines and road edges (docs/ablation.md). Stripes of a mask replace or join them.
     """
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)
     mask = find_mask(camera.require_size(image), markings)
     found = _search(mask.evidence(band, band) if mask else band, settings)
-    if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
+    if found.confidence >= BAND_CONFIDENCE or (mask and not mask.with_own):
         return found
-    closer = _search(look_closer(image, band, mask), settings)
-    return closer if more_probable(found.lane, closer.lane) is closer.lane else found
+    closer = _search_closely(image, mask, _view_of(camera, half_width_m=CLOSE_HALF_WIDTH_M), settings)
+    return closer if closer.lane else found
 
 
 def detect_with_own_pose(
     image: np.ndarray, camera: Camera, height_log_std: float, markings: Markings | None = None
 ) -> StillDetection:
-    """What is found in a single image whose camera pose was estimated from the same image.
+    """What is found in a single image whose camera pose is only known roughly.
 
     Of the poses near the estimate, that with the most probable lane is taken. A pose has the probability of its
     distance from the estimate, times the odds of the lane that it shows. The lane with the largest sum over all poses
@@ -116,16 +120,20 @@ def detect_with_own_pose(
     `Lane.same_lane_share`.
 
     The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
-    of the logarithm of its height. Errors are those of `find_lane`.
+    of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
     """
     mask = find_mask(camera.require_size(image), markings)
     tried = []
     for posed, log_prior in _poses_to_try(camera, height_log_std):
         with suppress(CameraError):
-            tried.append((_search_closely(image, mask, posed), log_prior))
-    shown = [(d, d.lane, log_prior + log_odds(d.lane)) for d, log_prior in tried if d.lane is not None]
-    if not shown:
-        return tried[0][0] if tried else _search_closely(image, mask, camera)
+            view = BirdsEyeView(posed, half_width_m=CLOSE_HALF_WIDTH_M)
+            tried.append((_search_closely(image, mask, view), log_prior))
+    # a lane has all poses on its side until they are compared
+    found = [(d, replace(d.lane, same_lane_share=1.0), log_prior) for d, log_prior in tried if d.lane is not None]
+    if not found:
+        view = BirdsEyeView(camera, half_width_m=CLOSE_HALF_WIDTH_M)
+        return tried[0][0] if tried else _search_closely(image, mask, view)
+    shown = [(detection, lane, log_prior + log_odds(lane)) for detection, lane, log_prior in found]
     detections, lanes, log_posterior = zip(*shown, strict=True)
     probability = np.exp(np.array(log_posterior) - max(log_posterior))
     # from the road 60 m ahead down to the lower border of the image
@@ -134,24 +142,25 @@ def detect_with_own_pose(
     same = _same_lane(np.array([lane.columns(detection.camera, rows) for detection, lane, _ in shown]), camera)
     of_lane = np.flatnonzero(same[(same @ probability).argmax()])
     best = of_lane[probability[of_lane].argmax()]
-    share = float(same[best].sum() / len(TRIED_STEPS))
+    share = float(same[best].sum() / len(TRIED_STEPS))  # of either kind
     return replace(detections[best], lane=replace(lanes[best], same_lane_share=share))
 
 
 def _poses_to_try(camera: Camera, height_log_std: float) -> Iterator[tuple[Camera, float]]:
-    """The camera with each pose of `TRIED_STEPS`, and the logarithm of the pose's probability."""
+    """The camera with each pose that is tried, and the logarithm of the pose's probability."""
     estimate = camera.require_pose()
-    for height_step, pitch_step_deg in TRIED_STEPS:
+    for height_step, pitch_step_deg in TRIED_STEPS if height_log_std else TRIED_PITCH_STEPS:
         height_m = float(np.clip(estimate.height_m * np.exp(height_step * height_log_std), *HEIGHT_RANGE_M))
         pose = replace(estimate, height_m=height_m, pitch_rad=estimate.pitch_rad + np.radians(pitch_step_deg))
         yield camera.with_pose(pose), -0.5 * (height_step**2 + (pitch_step_deg / PITCH_STD_DEG) ** 2)
 
 
-def _search_closely(image: np.ndarray, mask: Mask | None, camera: Camera) -> StillDetection:
-    """What `look_closer` shows; the lane has all poses on its side until they are compared."""
-    view = BirdsEyeView(camera, half_width_m=TRIED_HALF_WIDTH_M)
-    found = _search(look_closer(image, extract_evidence(view.warp(image), view), mask))
-    return replace(found, lane=found.lane and replace(found.lane, same_lane_share=1.0))
+def _search_closely(
+    image: np.ndarray, mask: Mask | None, view: BirdsEyeView, settings: DetectorSettings = DETECTOR
+) -> StillDetection:
+    """What `look_closer` shows in a view of the image."""
+    band = extract_evidence(view.warp(image), view, settings.paint)
+    return _search(look_closer(image, band, mask), settings)
 
 
 def _search(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> StillDetection:
@@ -174,6 +183,6 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _view_of(camera: Camera) -> BirdsEyeView:
+def _view_of(camera: Camera, **options: float) -> BirdsEyeView:
     """The bird's-eye view, cached: making it takes half as long as a detection in it."""
-    return BirdsEyeView(camera)
+    return BirdsEyeView(camera, **options)
