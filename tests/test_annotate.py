@@ -217,14 +217,17 @@ def test_stills_of_different_cameras_have_a_pose_each(tmp_path):
     assert result.telemetry["state"].tolist() == ["found", "found", "lost"]
 
 
-def test_a_still_without_a_likely_lane_has_a_pose_of_its_own(tmp_path):
+def test_a_still_without_a_sure_lane_has_a_pose_of_its_own(tmp_path):
     """As with `each`, if it shows a lane that is more likely with it; none is refused."""
-    for number, image in enumerate((BENDS.frame(0), GREY, GREY, GREY, GREY)):
+    pose = BENDS.camera.require_pose()
+    turned = replace(BENDS, camera=BENDS.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(6))))
+    for number, image in enumerate((*map(BENDS.frame, range(4)), turned.frame(4), GREY)):
         write_image(tmp_path / "in" / f"{number}.png", image)
     (result,) = quietly(tmp_path / "in", tmp_path / "out", SMALL.with_pose(None))
     assert result.failures == ()
-    assert result.telemetry["state"].tolist() == ["found"] + ["lost"] * 4
-    assert "0.png: found" in result.description
+    assert result.telemetry["state"].tolist() == ["found"] * 5 + ["lost"]
+    assert re.search(r"4\.png: found .*; pose: height", result.description)
+    assert "0.png: found" not in result.description
 
 
 def test_unusable_stills_do_not_stop_the_others(tmp_path):
