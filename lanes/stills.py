@@ -21,7 +21,15 @@ from lanes.detect.confidence import log_odds
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, extract_evidence
-from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
+from lanes.detect.search import (
+    CLOSE_HALF_WIDTH_M,
+    DETECTOR,
+    NEARLY_CERTAIN_CONFIDENCE,
+    DetectorSettings,
+    Search,
+    more_probable,
+    search_lane,
+)
 from lanes.errors import CameraError
 
 # Heights of cameras in cars, vans and lorries, metres.
@@ -30,10 +38,6 @@ HEIGHT_RANGE_M = 0.5, 4.5
 # degrees; the second ones if the height is known. More poses did not improve the lanes (docs/ablation.md).
 TRIED_STEPS = ((0.0, 0.0), (-1.0, 0.0), (1.0, 0.0), (0.0, -0.4), (0.0, 0.4))
 TRIED_PITCH_STEPS = ((0.0, 0.0), (0.0, -0.4), (0.0, 0.4), (0.0, -0.8), (0.0, 0.8))
-# The network's view of a single image: in a wider one it finds more that is no lane (docs/ablation.md).
-CLOSE_HALF_WIDTH_M = 6.5
-# A lane of the band filter with less confidence is looked for with the network, too.
-BAND_CONFIDENCE = 0.95
 # Standard deviation of the pitch of the road relative to the estimate, degrees.
 PITCH_STD_DEG = 0.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
@@ -96,17 +100,17 @@ def detect_still(
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
-    The band filter finds the stripes. If its lane is not nearly certain, the lane is that of the network, if there is
-    one: the network sees worn lines and road edges (docs/ablation.md). Stripes of a mask replace or join them.
+    The band filter finds the stripes. If its lane is not nearly certain, the network finds them, too, and the more
+    probable lane is taken. Stripes of a mask replace or join them.
     """
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)
     mask = find_mask(camera.require_size(image), markings)
     found = _search(mask.evidence(band, band) if mask else band, settings)
-    if found.confidence >= BAND_CONFIDENCE or (mask and not mask.with_own):
+    if found.confidence >= NEARLY_CERTAIN_CONFIDENCE or (mask and not mask.with_own):
         return found
     closer = _search_closely(image, mask, _view_of(camera, half_width_m=CLOSE_HALF_WIDTH_M), settings)
-    return closer if closer.lane else found
+    return closer if more_probable(found.lane, closer.lane) is closer.lane else found
 
 
 def detect_with_own_pose(

@@ -20,9 +20,10 @@ from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, adjacent_lane_matrix, is_ego_lane
 from lanes.detect.votes import VoteSettings, vote_lanes
 
-# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
-# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
-CLEARLY_MORE_LOG_ODDS = 1.0
+# A lane of the band filter with this confidence is not looked for with the network, which takes longer.
+NEARLY_CERTAIN_CONFIDENCE = 0.95
+# Half width of the network's view: in a wider one it finds more that is no lane (docs/ablation.md).
+CLOSE_HALF_WIDTH_M = 6.5
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
@@ -85,10 +86,8 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
 
 
 def more_probable(band: Lane | None, learned: Lane | None) -> Lane | None:
-    """The lane that the band filter shows, or that of the network if it is clearly more probable."""
-    if band is None or learned is None:
-        return band or learned
-    return learned if log_odds(learned) > log_odds(band) + CLEARLY_MORE_LOG_ODDS else band
+    """The more probable one of the lanes that the band filter and the network show."""
+    return max((lane for lane in (band, learned) if lane is not None), key=log_odds, default=None)
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:

@@ -24,6 +24,8 @@ from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
+    CLOSE_HALF_WIDTH_M,
+    NEARLY_CERTAIN_CONFIDENCE,
     DetectorSettings,
     Search,
     clear_share,
@@ -175,6 +177,7 @@ class LaneTracker:
         """Begin with another pose of the camera."""
         camera.require_pose()
         self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
+        self._close_view = BirdsEyeView(camera, half_width_m=CLOSE_HALF_WIDTH_M)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: FrameEvidence | None = None
         self.search: Search | None = None
@@ -250,18 +253,20 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._since_search_s = 0.0
-            self._compare(self._look_again(image, band, mask, challenger))
+            self._compare(self._look_again(image, mask, challenger))
         self._since_network_s += elapsed_s
         self._since_pose_s += elapsed_s
         self._try_other_pose(image)
         return self._lane
 
-    def _look_again(self, image: np.ndarray, band: FrameEvidence, mask: Mask | None, found: Lane | None) -> Lane | None:
+    def _look_again(self, image: np.ndarray, mask: Mask | None, found: Lane | None) -> Lane | None:
         """The lane found by a search, or the more probable one that the network shows while no lane is confirmed."""
-        sure = (found is not None and found.confidence >= SURE_CONFIDENCE) or (mask and not mask.with_own)
-        if self._state == TRACKING or sure or self._since_network_s < self.settings.network_period_s:
+        certain = found is not None and found.confidence >= NEARLY_CERTAIN_CONFIDENCE
+        due = self._since_network_s >= self.settings.network_period_s
+        if self._state == TRACKING or certain or not due or (mask and not mask.with_own):
             return found
         self._since_network_s = 0.0
+        band = extract_evidence(self._close_view.warp(image), self._close_view, self.settings.detector.paint)
         learned = look_closer(image, band, mask)
         if self._lane_moves:
             static = self._static.is_static(*self._static_places(learned.stripes))
