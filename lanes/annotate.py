@@ -305,7 +305,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{' and report' if settings.report else ''} next to it"
     )
     if info.has_audio and not written.has_audio:
-        lines.append(f"{video}: its sound is neither AAC, Opus nor FLAC; {target} has no sound")
+        lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):
         lines.append(f"{video}: {change.describe()}")
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
