@@ -97,6 +97,81 @@ function seekByKey(event) {
   event.preventDefault();
 }
 
+function addPath(svg, kind, d) {
+  const path = svg.appendChild(document.createElementNS(svg.namespaceURI, "path"));
+  path.setAttribute("class", kind);
+  path.setAttribute("d", d);
+}
+
+/** Drawings are 1000 units wide and 100 high; the browser stretches them. */
+function toX(time) {
+  return ((1000 * time) / length).toFixed(2);
+}
+
+function drawStates() {
+  const svg = document.querySelector(".states svg");
+  const counts = {};
+  for (let first = 0, end; first <= last; first = end) {
+    const state = frames.state[first];
+    for (end = first; end <= last && frames.state[end] === state;) end++;
+    addPath(svg, state, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
+    counts[state] = (counts[state] ?? 0) + end - first;
+  }
+  for (const [state, count] of Object.entries(counts).sort((a, b) => b[1] - a[1])) {
+    const item = document.querySelector(".legend").appendChild(document.createElement("li"));
+    item.append(document.createElement("i"), `${state} ${Math.round((100 * count) / times.length)}%`);
+    item.firstChild.className = state;
+  }
+}
+
+/** The limits of an axis and three to six round values between them; 1 % of the values may lie outside at each end. */
+function ticksOf(values, [low, high]) {
+  const known = values.filter((value) => value !== null).sort((a, b) => a - b);
+  if (known.length) {
+    low = Math.min(low, known[Math.round(0.01 * (known.length - 1))]);
+    high = Math.max(high, known[Math.round(0.99 * (known.length - 1))]);
+  }
+  const wanted = (high - low) / 4;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  const step = [1, 2, 5, 10].map((m) => m * power).sort((a, b) => Math.abs(a - wanted) - Math.abs(b - wanted))[0];
+  const ticks = [];
+  for (let k = Math.floor(low / step + 1e-9); k <= Math.ceil(high / step - 1e-9); k++) ticks.push(k * step);
+  return ticks;
+}
+
+/** Runs of frames with a value; of a long drive those with the lowest and highest value of each of 1000 columns. */
+function partsOf(values) {
+  const size = times.length > 2000 ? times.length / 1000 : 1;
+  const parts = [[]];
+  for (let first = 0; first <= last; first += size) {
+    const known = [];
+    for (let i = Math.ceil(first); i < first + size && i <= last; i++) if (values[i] !== null) known.push(i);
+    known.sort((a, b) => values[a] - values[b]);
+    if (known.length) parts.at(-1).push(...[...new Set([known[0], known.at(-1)])].sort((a, b) => a - b));
+    else parts.push([]);
+  }
+  return parts.filter((part) => part.length);
+}
+
+/** Draw values of the frames, null where unknown, with a band of one standard deviation to either side. */
+function drawCurve(name, values, std, span) {
+  const figure = document.getElementById("curve-" + name);
+  const svg = figure.querySelector("svg");
+  const ticks = ticksOf(values, span);
+  const toY = (value) => ((100 * (ticks.at(-1) - value)) / (ticks.at(-1) - ticks[0])).toFixed(2);
+  const join = (points) => "M" + points.map(([i, value]) => toX(times[i]) + " " + toY(value)).join("L");
+  for (const tick of ticks) {
+    const label = figure.querySelector(".ticks").appendChild(document.createElement("span"));
+    label.style.top = toY(tick) + "%";
+    label.textContent = Number(tick.toPrecision(6));
+  }
+  addPath(svg, "grid", ticks.map((tick) => `M0 ${toY(tick)}H1000`).join(""));
+  const parts = partsOf(values);
+  const beside = (part, sign) => part.map((i) => [i, values[i] + sign * std[i]]);
+  if (std) addPath(svg, "band", parts.map((p) => join([...beside(p, 1), ...beside(p, -1).reverse()]) + "Z").join(""));
+  addPath(svg, "line", parts.map((part) => join(part.map((i) => [i, values[i]]))).join(""));
+}
+
 function drawAxis() {
   const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600];
   const step = steps.find((s) => length / s <= 10) || 7200;
@@ -129,6 +204,11 @@ video.addEventListener("play", follow);
 video.addEventListener("loadedmetadata", () => {
   video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
 });
+const perKm = (curvatures) => curvatures.map((value) => value === null ? null : 1000 * value);
+drawStates();
+drawCurve("offset", frames.offset_m, frames.offset_std_m, [-0.5, 0.5]);
+drawCurve("curvature", perKm(frames.curvature_per_m), perKm(frames.curvature_std_per_m), [-1, 1]);
+drawCurve("confidence", frames.confidence, null, [0, 1]);
 drawAxis();
 show();
 loadVideo();
