@@ -28,8 +28,7 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, ensure_pose, estimate_pose
-from lanes.report.moments import Telemetry, seconds_lost, share_tracked
-from lanes.report.page import write_report
+from lanes.report.page import Telemetry, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw

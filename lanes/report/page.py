@@ -2,7 +2,7 @@
 
 A video of up to `MAX_EMBEDDED_BYTES` is embedded, so that the report can be sent by mail. A larger video is linked and
 must stay in the same folder. File names and settings are escaped. A content security policy allows only the page's own
-script, which draws the curves from the telemetry in the page.
+script, which draws the curves and finds the worst moments in the telemetry of the page.
 """
 
 from __future__ import annotations
@@ -21,9 +21,11 @@ from urllib.parse import quote
 
 import numpy as np
 
+from lanes.detect.lane import LOST, TRACKING
 from lanes.files import write_atomically
-from lanes.report.moments import Moment, Telemetry, line_types, runs, seconds_lost, share_tracked, worst_moments
 
+# Columns by name, arrays (frames,), as `lanes.files.read_telemetry` returns them.
+Telemetry = Mapping[str, np.ndarray]
 # Base64 makes it 4/3 as large: below the limit of most mail servers, 25 MB.
 MAX_EMBEDDED_BYTES = 16_000_000
 # Telemetry columns in the page, with their number of decimals.
@@ -59,7 +61,6 @@ def write_report(
         "video_name": escape(video.name),
         "video_link": escape(quote(os.fsencode(video.name))),
         "video_data": base64.b64encode(video.read_bytes()).decode() if embedded else "",
-        "moments": "".join(_list_moments(kind, moments) for kind, moments in worst_moments(telemetry).items()),
         "settings": "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     }
     return fill_page(path, "report", parts, _frames(telemetry))
@@ -83,6 +84,35 @@ def _asset(name: str) -> str:
     return files(__package__).joinpath(name).read_text(encoding="utf-8")
 
 
+def share_tracked(telemetry: Telemetry) -> float:
+    """Share of the frames with state "tracking", 0 to 1."""
+    return float(np.mean(telemetry["state"] == TRACKING))
+
+
+def seconds_lost(telemetry: Telemetry) -> float:
+    """Total time with state "lost", seconds."""
+    return float(frame_lengths_s(telemetry["time_s"])[telemetry["state"] == LOST].sum())
+
+
+def frame_lengths_s(time_s: np.ndarray) -> np.ndarray:
+    """Duration (N,) of each frame in seconds: until the next frame; the median duration for the last one."""
+    steps = np.diff(time_s)
+    return np.append(steps, np.median(steps) if len(steps) else 0.0)
+
+
+def line_types(telemetry: Telemetry, side: str) -> np.ndarray:
+    """Type (N,) of the "left" or "right" line in each frame, as text: "yellow double solid", or "unknown"."""
+    columns = [_texts(telemetry, f"{side}_{name}") for name in ("colour", "double", "kind")]
+    columns[1] = np.where(np.isin(columns[1], ("1", "1.0")), "double", "")
+    return np.array([" ".join(filter(None, words)) or "unknown" for words in zip(*columns, strict=True)], str)
+
+
+def _texts(telemetry: Telemetry, name: str) -> np.ndarray:
+    """A column (N,) as text; empty where it has no value, or if there is no such column."""
+    column = telemetry.get(name, np.full(len(telemetry["time_s"]), np.nan))
+    return np.where(column.astype(str) == "nan", "", column.astype(str))
+
+
 def _summary(telemetry: Telemetry) -> str:
     time_s, offset_m, lost_s = telemetry["time_s"], telemetry["offset_m"], seconds_lost(telemetry)
     sentence = (
@@ -100,22 +130,16 @@ def _summary(telemetry: Telemetry) -> str:
 
 
 def _frames(telemetry: Telemetry) -> dict[str, list]:
-    """Data for the script: times since the first frame, states, `PAGE_COLUMNS`, and where the line types change."""
+    """Data for the script: times since the first frame, texts, `PAGE_COLUMNS`, and where the line types change."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
     columns = {name: _rounded(telemetry[name], digits) for name, digits in PAGE_COLUMNS.items()}
     for side in ("left", "right"):
-        columns[f"{side}_types"] = [[first, words] for words, first, _ in runs(line_types(telemetry, side))]
-    return {"time_s": _rounded(time_s, 4), "state": telemetry["state"].tolist(), **columns}
+        types = line_types(telemetry, side)
+        changes = np.flatnonzero(np.append(True, types[1:] != types[:-1]))
+        columns[f"{side}_types"] = [[int(k), str(types[k])] for k in changes]
+    words = {name: _texts(telemetry, name).tolist() for name in ("state", "departure")}
+    return {"time_s": _rounded(time_s, 4), **words, **columns}
 
 
 def _rounded(values: np.ndarray, digits: int) -> list:
     return [round(float(v), digits) if np.isfinite(v) else None for v in values]
-
-
-def _list_moments(kind: str, moments: list[Moment]) -> str:
-    """The moments of a kind as buttons; empty without one."""
-    items = ""
-    for time_s, text in moments:
-        label = f"<b>{time_s // 60:.0f}:{time_s % 60:04.1f}</b> {escape(text)}"
-        items += f'<li><button type="button" data-time="{time_s:.4f}">{label}</button></li>'
-    return f"<h3>{escape(kind)}</h3><ul>{items}</ul>" if items else ""

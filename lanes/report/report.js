@@ -97,6 +97,75 @@ function seekByKey(event) {
   event.preventDefault();
 }
 
+/** Runs of equal labels of the frames: label, first frame, one past the last frame. */
+function runsOf(labels) {
+  const runs = [];
+  for (let first = 0, end; first <= last; first = end) {
+    for (end = first; end <= last && labels[end] === labels[first];) end++;
+    runs.push([labels[first], first, end]);
+  }
+  return runs;
+}
+
+const MAX_MOMENTS = 3;
+
+/** The longest runs of the wanted labels: frames, and texts with label and seconds. */
+function longestRuns(labels, wanted, words) {
+  const runs = runsOf(labels).filter(([label]) => wanted.includes(label))
+    .map(([label, first, end]) => [first, words(label), (times[end] ?? length) - times[first]]);
+  runs.sort((a, b) => b[2] - a[2]);
+  return runs.slice(0, MAX_MOMENTS).map(([first, text, seconds]) => [first, text + seconds.toFixed(1) + " s"]);
+}
+
+/** The lowest values within a second to either side, two seconds apart: closer moments show the same situation. */
+function lowestValues(values, words) {
+  const order = [...times.keys()].filter((i) => values[i] !== null).sort((a, b) => values[a] - values[b]);
+  const chosen = [];
+  for (const i of order) {
+    const near = values.slice(frameAt(times[i] - 1), frameAt(times[i] + 1) + 1);
+    const lowest = near.every((value) => value === null || value >= values[i]);
+    if (lowest && chosen.every((k) => Math.abs(times[k] - times[i]) > 1.99)) chosen.push(i);
+    if (chosen.length === MAX_MOMENTS) break;
+  }
+  return chosen.map((i) => [i, words(Math.abs(values[i]))]);
+}
+
+const scaled = (values, factor) => values.map((value) => value === null ? null : factor * value);
+
+/** The worst moments by kind, from the worst on. */
+function worstMoments() {
+  const confidence = frames.confidence.map((value, i) => frames.state[i] === "lost" ? null : value);
+  return {
+    "Lane not seen": longestRuns(frames.state, ["lost", "coasting"], (state) => state + " for "),
+    "Lane departures": longestRuns(frames.departure, ["left", "right"], (side) => `towards the ${side} line, `),
+    "Lowest confidence": lowestValues(confidence, (value) => "confidence " + value.toFixed(2)),
+    // Negative, so that the largest standard deviations are the lowest values.
+    "Least certain offset": lowestValues(scaled(frames.offset_std_m, -1), (std) => `± ${Math.max(std, 0.01).toFixed(2)} m`),
+    "Least certain bend": lowestValues(scaled(frames.curvature_std_per_m, -1000), (std) => `± ${std.toFixed(2)} per km`),
+  };
+}
+
+function add(parent, name, ...content) {
+  const child = parent.appendChild(document.createElement(name));
+  child.append(...content);
+  return child;
+}
+
+function listMoments() {
+  const nav = document.querySelector(".moments");
+  for (const [kind, moments] of Object.entries(worstMoments())) {
+    if (!moments.length) continue;
+    add(nav, "h3", kind);
+    const list = add(nav, "ul");
+    for (const [i, text] of moments) {
+      const button = add(add(list, "li"), "button");
+      add(button, "b", clock(times[i]));
+      button.append(" " + text);
+      button.addEventListener("click", () => seek(times[i]));
+    }
+  }
+}
+
 function addPath(svg, kind, d) {
   const path = svg.appendChild(document.createElementNS(svg.namespaceURI, "path"));
   path.setAttribute("class", kind);
@@ -111,16 +180,14 @@ function toX(time) {
 function drawStates() {
   const svg = document.querySelector(".states svg");
   const counts = {};
-  for (let first = 0, end; first <= last; first = end) {
-    const state = frames.state[first];
-    for (end = first; end <= last && frames.state[end] === state;) end++;
+  for (const [state, first, end] of runsOf(frames.state)) {
     addPath(svg, state, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
     counts[state] = (counts[state] ?? 0) + end - first;
   }
   for (const [state, count] of Object.entries(counts).sort((a, b) => b[1] - a[1])) {
-    const item = document.querySelector(".legend").appendChild(document.createElement("li"));
-    item.append(document.createElement("i"), `${state} ${Math.round((100 * count) / times.length)}%`);
-    item.firstChild.className = state;
+    const item = add(document.querySelector(".legend"), "li");
+    add(item, "i").className = state;
+    item.append(`${state} ${Math.round((100 * count) / times.length)}%`);
   }
 }
 
@@ -161,9 +228,7 @@ function drawCurve(name, values, std, span) {
   const toY = (value) => ((100 * (ticks.at(-1) - value)) / (ticks.at(-1) - ticks[0])).toFixed(2);
   const join = (points) => "M" + points.map(([i, value]) => toX(times[i]) + " " + toY(value)).join("L");
   for (const tick of ticks) {
-    const label = figure.querySelector(".ticks").appendChild(document.createElement("span"));
-    label.style.top = toY(tick) + "%";
-    label.textContent = Number(tick.toPrecision(6));
+    add(figure.querySelector(".ticks"), "span", Number(tick.toPrecision(6))).style.top = toY(tick) + "%";
   }
   addPath(svg, "grid", ticks.map((tick) => `M0 ${toY(tick)}H1000`).join(""));
   const parts = partsOf(values);
@@ -176,10 +241,8 @@ function drawAxis() {
   const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600];
   const step = steps.find((s) => length / s <= 10) || 7200;
   for (let time = 0; time <= length * 0.98; time += step) {
-    const label = document.createElement("span");
-    label.style.left = (100 * time) / length + "%";
-    label.textContent = step < 1 ? clock(time) : clock(time).slice(0, -2);
-    document.querySelector(".axis").append(label);
+    const label = step < 1 ? clock(time) : clock(time).slice(0, -2);
+    add(document.querySelector(".axis"), "span", label).style.left = (100 * time) / length + "%";
   }
 }
 
@@ -195,19 +258,16 @@ track.addEventListener("pointerdown", (event) => {
 });
 track.addEventListener("pointermove", (event) => { if (event.buttons & 1) seekToPointer(event); });
 track.addEventListener("keydown", seekByKey);
-for (const button of document.querySelectorAll("button[data-time]")) {
-  button.addEventListener("click", () => seek(Number(button.dataset.time)));
-}
 for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
 video.addEventListener("play", follow);
 // The style limits the height of the video. The width follows from it, so that there are no black bars.
 video.addEventListener("loadedmetadata", () => {
   video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
 });
-const perKm = (curvatures) => curvatures.map((value) => value === null ? null : 1000 * value);
+listMoments();
 drawStates();
 drawCurve("offset", frames.offset_m, frames.offset_std_m, [-0.5, 0.5]);
-drawCurve("curvature", perKm(frames.curvature_per_m), perKm(frames.curvature_std_per_m), [-1, 1]);
+drawCurve("curvature", scaled(frames.curvature_per_m, 1000), scaled(frames.curvature_std_per_m, 1000), [-1, 1]);
 drawCurve("confidence", frames.confidence, null, [0, 1]);
 drawAxis();
 show();

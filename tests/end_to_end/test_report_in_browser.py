@@ -163,6 +163,41 @@ def test_a_long_curve_keeps_its_peaks(browser, folder):
     assert browser.console() == []
 
 
+def moments(page, kind: str) -> list[tuple[float, str]]:
+    script = "return worstMoments()[arguments[0]].map(([i, text]) => [times[i], text])"
+    return [(round(time_s, 3), text) for time_s, text in page.execute_script(script, kind)]
+
+
+def test_worst_moments(page, browser, folder):
+    assert moments(page, "Lane not seen") == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
+    departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
+    assert moments(page, "Lane departures") == departures
+    # 2.75 s is too close to 2.5 s. Lost frames are left out.
+    assert moments(page, "Lowest confidence")[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
+    assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
+    assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
+    headings = page.execute_script("return [...document.querySelectorAll('nav h3')].map(h => h.textContent)")
+    assert headings == page.execute_script("return Object.keys(worstMoments())") and len(headings) == 5
+
+
+def test_worst_moments_of_a_decreasing_uncertainty_and_of_a_single_lost_frame(browser, folder):
+    telemetry = story()
+    for largest_m, words in ((0.5, "± 0.50 m"), (0.005, "± 0.01 m")):
+        telemetry["offset_std_m"] = np.linspace(largest_m, largest_m / 5, 200)
+        show(browser, folder, telemetry)
+        assert moments(browser, "Least certain offset") == [(0.0, words)]
+    show(browser, folder, {name: column[100:101] for name, column in story().items()})
+    assert len(moments(browser, "Lane not seen")) == 1
+    assert moments(browser, "Lowest confidence") == moments(browser, "Least certain bend") == []
+    assert len(browser.execute_script("return [...document.querySelectorAll('nav h3')]")) == 1
+    assert browser.console() == []
+
+
+def show(browser, folder, telemetry) -> None:
+    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0}
+    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **options))
+
+
 def test_buttons_seek_to_moments(page):
     labels = page.execute_script("return [...document.querySelectorAll('button')].map(b => b.textContent)")
     assert labels[0] == "0:04.5 lost for 1.5 s"

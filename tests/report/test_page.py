@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.report.moments import line_types, runs, seconds_lost, share_tracked, worst_moments
-from lanes.report.page import write_report
+from lanes.report.page import line_types, seconds_lost, share_tracked, write_report
 
 
 def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
@@ -45,32 +44,6 @@ def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
     }
 
 
-def rounded(moments: list[tuple[float, str]]) -> list[tuple[float, str]]:
-    return [(round(time_s, 3), text) for time_s, text in moments]
-
-
-def test_worst_moments():
-    kinds = worst_moments(story())
-    assert rounded(kinds["Lane not seen"]) == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
-    departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
-    assert rounded(kinds["Lane departures"]) == departures
-    # 2.75 s is too close to 2.5 s. Lost frames are left out.
-    assert rounded(kinds["Lowest confidence"])[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
-    assert rounded(kinds["Least certain offset"])[0] == (8.0, "± 0.20 m")
-
-
-def test_worst_moments_of_a_decreasing_uncertainty_and_of_a_single_lost_frame():
-    telemetry = story()
-    for largest_m, words in ((0.5, "± 0.50 m"), (0.0005, "± 0.01 m")):
-        telemetry["offset_std_m"] = np.linspace(largest_m, largest_m / 5, 200)
-        assert rounded(worst_moments(telemetry)["Least certain offset"]) == [(0.0, words)]
-    one = {name: column[100:101] for name, column in story().items()}
-    kinds = worst_moments(one)
-    assert rounded(kinds["Lane not seen"]) == [(0.0, "lost for 0.0 s")]
-    assert kinds["Lowest confidence"] == kinds["Least certain bend"] == []
-    assert share_tracked(one) == 0
-
-
 def test_shares_count_time_not_frames():
     telemetry = story()
     assert share_tracked(telemetry) == pytest.approx(157 / 200)
@@ -82,15 +55,11 @@ def test_shares_count_time_not_frames():
 
 def test_types_of_the_lines():
     telemetry = story()
-    assert list(runs(line_types(telemetry, "left"))) == [
-        ("yellow double solid", 0, 90),
-        ("unknown", 90, 120),
-        ("yellow double solid", 120, 200),
-    ]
-    assert list(runs(line_types(telemetry, "right"))) == [("unknown", 0, 40), ("dashed", 40, 200)]
+    left, right = (line_types(telemetry, side).tolist() for side in ("left", "right"))
+    assert left == ["yellow double solid"] * 90 + ["unknown"] * 30 + ["yellow double solid"] * 80
+    assert right == ["unknown"] * 40 + ["dashed"] * 160
     # Telemetry of other programs has no such columns.
     assert set(line_types({"time_s": telemetry["time_s"]}, "left")) == {"unknown"}
-    assert list(runs(np.array([], str))) == []
 
 
 # --- the page
