@@ -33,8 +33,8 @@ from lanes.sources import Sources, find_sources, read_turn, require_distinct_out
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import process_video, progress_bar, read_ahead
-from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.process import process_video, read_frames
+from lanes.video.reader import TimedFrame, VideoInfo, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -182,7 +182,6 @@ def track(
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: bool = False,
-    info: VideoInfo | None = None,
     markings: Markings | None = None,
 ) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Track the lane through a video; yields each frame with its lane, None where it is lost.
@@ -198,7 +197,7 @@ def track(
         With its pose, and of the size of the video.
     speed_mps : float, optional
         Speed of the car; estimated if not given.
-    start_s, end_s, progress, info
+    start_s, end_s, progress
         As for `process_video`.
     markings : callable, optional, as for `lanes.find_lane`
 
@@ -207,31 +206,13 @@ def track(
     FileNotFoundError, LaneError
         If the video cannot be read, or the camera has no pose or another size.
     """
-    info = info or inspect_video(path)
+    info = inspect_video(path)
     size = info.width, info.height
     if camera.size != size:
         raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
     tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps, markings=markings)
-    yield from track_video(path, tracker, info, start_s=start_s, end_s=end_s, progress=progress)
-
-
-def track_video(
-    path: str | Path,
-    tracker: LaneTracker,
-    info: VideoInfo,
-    *,
-    start_s: float = 0.0,
-    end_s: float | None = None,
-    progress: bool = False,
-) -> Generator[tuple[TimedFrame, Lane | None]]:
-    """Each frame of a video with its lane, as `track`, with a tracker for it."""
-    with (
-        closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic))) as frames,
-        progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
-    ):
-        for frame, lane in track_frames(frames, tracker):
-            yield frame, lane
-            bar.update()
+    with closing(read_frames(path, info, start_s=start_s, end_s=end_s, progress=progress)) as frames:
+        yield from track_frames(frames, tracker)
 
 
 def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TimedFrame, Lane | None]]:

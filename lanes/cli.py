@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
-from lanes.errors import CameraError, LaneError, PictureError
+from lanes.errors import CameraError, LaneError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
@@ -46,8 +46,8 @@ from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
-from lanes.video.process import progress_bar, read_ahead
-from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.process import read_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 
 class Calibrate:
@@ -277,10 +277,10 @@ class Explain:
         (file,) = options.files
         start_s, end_s, at_s = options.start_s, options.end_s, options.at
         info = None if kind_of_file(file) == "picture" else inspect_video(file, topic=options.topic)
-        if info is None and at_s is not None:
-            raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
-        if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
-            raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
+        length_s = info.duration_s if info else 0.0
+        if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
+            words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
+            raise ValueError(f"{file}: {words}, or none for a picture.")
         markings = options.markings and load_markings(options.markings)
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic, "markings": markings}
         camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"), **part)
@@ -290,7 +290,10 @@ class Explain:
             still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
         if info:
             tracker = make_tracker(info.fps, camera, estimate, markings)
-            explanation = explain_tracked(read_to_time(file, info, start_s, at_s), tracker, pose_doubt=pose_doubt)
+            until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
+            with closing(read_frames(file, info, start_s=start_s, end_s=until_s, progress=True)) as frames:
+                shown = islice(frames, 1 if at_s is None else None)
+                explanation = explain_tracked(shown, tracker, pose_doubt=pose_doubt)
         else:
             image = read_image(file)
             still = still or (detect_still(image, camera, markings=markings) if markings else None)
@@ -443,18 +446,6 @@ def find_lens(options: argparse.Namespace) -> Camera:
     sources = find_sources(map(str, options.files))
     settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
     return settings.camera_for(next(sample_images(files, 1, topic=options.topic)).shape[1::-1], files[0])
-
-
-def read_to_time(video: Path, info: VideoInfo, start_s: float, at_s: float | None) -> Iterator[TimedFrame]:
-    """The frames from `start_s` to that shown at `at_s`, by default only the first one, with a progress bar."""
-    until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
-    with (
-        closing(read_ahead(read_timed_frames(video, start_s=start_s, end_s=until_s, topic=info.topic))) as frames,
-        progress_bar(info, start_s=start_s, end_s=at_s, shown=True) as bar,
-    ):
-        for frame in islice(frames, 1 if at_s is None else None):
-            yield frame
-            bar.update()
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
