@@ -145,7 +145,7 @@ def annotate(
     """
     names = [sources] if isinstance(sources, str | Path) else sources
     found = find_sources(map(str, names))
-    field = None if camera else find_field_of_view([*found.stills, *found.videos], options.get("topic"))
+    field = None if camera else find_field_of_view(found.files, options.get("topic"))
     settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
     outcomes = list(annotate_sources(found, settings))
     results = [outcome for outcome in outcomes if isinstance(outcome, Annotation)]

@@ -6,7 +6,7 @@ Pictures are taken as the sensor saw them, whatever their EXIF orientation says:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,21 +92,14 @@ def calibrate(
         If too few boards are found, or they do not determine the intrinsics, or they fit no lens.
     """
     sources = [source] if isinstance(source, str | Path) else list(source)
-    detections = find_boards(list_board_pictures(sources), pattern, progress=progress)
+    detections = find_boards(find_sources(map(str, sources)).files, pattern, progress=progress)
     return calibrate_detections(detections, ", ".join(map(str, sources[:3])))
 
 
-def list_board_pictures(sources: Iterable[str | Path]) -> list[Path]:
-    """The pictures and videos in folders, and those that are named themselves."""
-    found = find_sources(map(str, sources))
-    return [*found.stills, *found.videos]
-
-
 def find_boards(
-    paths: Iterable[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
+    paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
 ) -> BoardDetections:
     """The board in every picture. Pictures that cannot be decoded are `unused`; one that does not exist is an error."""
-    paths = list(paths)
     same_name = Counter(path.name for path in paths)
     found = BoardDetections({}, pattern, {}, {})
     for done, path in enumerate(paths, 1):

@@ -26,7 +26,6 @@ from lanes.calibration import (
     describe_calibration,
     draw_contact_sheet,
     find_boards,
-    list_board_pictures,
 )
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
@@ -74,7 +73,7 @@ class Calibrate:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        paths = list_board_pictures(options.pictures)
+        paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
         camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
@@ -227,7 +226,7 @@ class Detect:
             raise ValueError("--sequence is for stills of one camera; omit it, or omit --each.")
         if options.each and sources.videos:
             raise ValueError(f"{sources.videos[0]}: is no still; omit it, or omit --each.")
-        require_no_input_among([options.output], sources.videos + sources.stills)
+        require_no_input_among([options.output], sources.files)
         settings = read_settings(options, sources)
         failures: list[LaneError] = []
         found, missing = [], 0
@@ -444,8 +443,8 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
-    settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    return settings.camera_for(next(sample_images(files, 1, topic=options.topic)).shape[1::-1], files[0])
+    settings, image = read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
+    return settings.camera_for(image.shape[1::-1], sources.files[0])
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
@@ -464,7 +463,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     elif options.hfov is not None:
         field = FieldOfView(options.hfov, GIVEN)
     else:
-        field = find_field_of_view([] if each else [*sources.stills, *sources.videos], options.topic)
+        field = find_field_of_view(() if each else sources.files, options.topic)
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
     more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}

@@ -179,7 +179,7 @@ def _explain_detection(
     if predicted:
         steps.append(Step("prediction", f"{track}; {_describe_place(predicted.lane)}"))
     if fit:
-        steps.append(_check_fit(fit, advice, found=lane is not None))
+        steps.append(_check_fit(fit, advice))
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [_check_lane(lane, advice, pose_doubt)]
@@ -268,12 +268,10 @@ def _check_stripes(evidence: FrameEvidence, pose_advice: str) -> Step:
     return Step("stripes", summary, failure, advice + pose_advice)
 
 
-def _check_fit(fit: Fit, pose_advice: str, *, found: bool) -> Step:
-    """Check that the best lane is seen after the fit, and that its score is sufficient to start a track."""
+def _check_fit(fit: Fit, pose_advice: str) -> Step:
+    """Why no lane was found: the best one is not seen after the fit, or its score is too small to start a track."""
     support = fit.support[0]
     summary = f"score {np.sqrt(support).sum():.2f}, {_describe_paint(support)}"
-    if found:
-        return Step("fit", summary)
     failure = "the score of the best lane is too small to start a track"
     if not fit.seen[0]:
         failure = f"the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows"

@@ -36,6 +36,11 @@ class Sources:
     stills: tuple[Path, ...]
     skipped: tuple[Path, ...] = ()
 
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The stills, then the videos."""
+        return self.stills + self.videos
+
 
 def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.

@@ -138,15 +138,15 @@ def read_frames(
     expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
     # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
     interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
-    items, end = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic), object()
+    items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
     with (
         closing(items),
         ThreadPoolExecutor(1) as thread,
         tqdm(total=max(expected, 0), unit="frame", disable=not (progress and interactive)) as bar,
     ):
-        waiting = deque(thread.submit(next, items, end) for _ in range(QUEUE_SIZE))
-        while (frame := waiting.popleft().result()) is not end:
-            waiting.append(thread.submit(next, items, end))
+        waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
+        while (frame := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, items, None))
             yield frame
             bar.update()
 
