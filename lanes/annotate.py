@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -239,17 +239,14 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
 
 def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings: Markings | None) -> LaneTracker:
     """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` is doubtful."""
-    doubtful = pose is not None and pose.lane_width_m is None
-    find_pose = partial(_find_pose, camera=camera, markings=markings) if doubtful else None
-    return LaneTracker(camera, fps=fps, find_pose=find_pose, markings=markings)
 
-
-def _find_pose(image: np.ndarray, camera: Camera, markings: Markings | None) -> StillDetection | None:
-    """The lane and the pose in one image, None if the pose sees no road; the pose of `camera` is ignored."""
-    try:
-        return estimate_pose(image, camera, markings=markings).still
-    except CameraError:
+    def find_pose(image: np.ndarray) -> StillDetection | None:
+        with suppress(CameraError):  # the pose sees no road
+            return estimate_pose(image, camera, markings=markings).still
         return None
+
+    doubtful = pose is not None and pose.lane_width_m is None
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if doubtful else None, markings=markings)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:

@@ -149,7 +149,9 @@ def _add_video(found: BoardDetections, name: str, path: Path) -> None:
 def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
     """The names of up to `count` boards in their order, each as far from the others as possible; no two are alike."""
     names = list(boards)
-    outlines = np.array([_outline(board) for board in boards.values()])
+    grids = [(board.corners_px.reshape(board.rows, board.columns, 2), board.size) for board in boards.values()]
+    # the four outer corners as shares of the image's size
+    outlines = np.array([grid[[0, 0, -1, -1], [0, -1, 0, -1]] / size for grid, size in grids])
     chosen: set[int] = set()
     distance = np.full(len(names), np.inf)
     while len(chosen) < min(count, len(names)):
@@ -157,15 +159,9 @@ def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
         if distance[farthest] < SAME_VIEW_SHARE:
             break
         chosen.add(farthest)
-        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=1))
+        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=(1, 2)))
         distance[farthest] = -1
     return [names[index] for index in sorted(chosen)]
-
-
-def _outline(board: Board) -> np.ndarray:
-    """The four outer corners of a board as shares of the image's size, (8,)."""
-    grid = board.corners_px.reshape(board.rows, board.columns, 2)
-    return (grid[[0, 0, -1, -1], [0, -1, 0, -1]] / board.size).ravel()
 
 
 def _no_board(pattern: tuple[int, int]) -> str:

@@ -20,13 +20,7 @@ from typing import Any
 
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
-from lanes.calibration import (
-    calibrate,
-    calibrate_detections,
-    describe_calibration,
-    draw_contact_sheet,
-    find_boards,
-)
+from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.describe import format_table, number_cells

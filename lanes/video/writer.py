@@ -64,13 +64,7 @@ class VideoWriter:
         If `path` is no .mp4, no frame was written, frames differ in size or are not RGB, or the file cannot be written.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        fps: float,
-        sound_from: str | Path | None = None,
-    ) -> None:
+    def __init__(self, path: str | Path, *, fps: float, sound_from: str | Path | None = None) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
