@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import closing, nullcontext
+from contextlib import closing, nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
@@ -27,14 +27,13 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report.moments import Telemetry, seconds_lost, share_tracked
-from lanes.report.page import write_report
+from lanes.report.page import Telemetry, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
-from lanes.video.process import process_video, progress_bar, read_ahead
-from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.process import process_video, read_frames
+from lanes.video.reader import TimedFrame, VideoInfo, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -145,7 +144,7 @@ def annotate(
     """
     names = [sources] if isinstance(sources, str | Path) else sources
     found = find_sources(map(str, names))
-    field = None if camera else find_field_of_view([*found.stills, *found.videos], options.get("topic"))
+    field = None if camera else find_field_of_view(found.files, options.get("topic"))
     settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
     outcomes = list(annotate_sources(found, settings))
     results = [outcome for outcome in outcomes if isinstance(outcome, Annotation)]
@@ -182,7 +181,6 @@ def track(
     start_s: float = 0.0,
     end_s: float | None = None,
     progress: bool = False,
-    info: VideoInfo | None = None,
     markings: Markings | None = None,
 ) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Track the lane through a video; yields each frame with its lane, None where it is lost.
@@ -198,7 +196,7 @@ def track(
         With its pose, and of the size of the video.
     speed_mps : float, optional
         Speed of the car; estimated if not given.
-    start_s, end_s, progress, info
+    start_s, end_s, progress
         As for `process_video`.
     markings : callable, optional, as for `lanes.find_lane`
 
@@ -207,31 +205,13 @@ def track(
     FileNotFoundError, LaneError
         If the video cannot be read, or the camera has no pose or another size.
     """
-    info = info or inspect_video(path)
+    info = inspect_video(path)
     size = info.width, info.height
     if camera.size != size:
         raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
     tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps, markings=markings)
-    yield from track_video(path, tracker, info, start_s=start_s, end_s=end_s, progress=progress)
-
-
-def track_video(
-    path: str | Path,
-    tracker: LaneTracker,
-    info: VideoInfo,
-    *,
-    start_s: float = 0.0,
-    end_s: float | None = None,
-    progress: bool = False,
-) -> Generator[tuple[TimedFrame, Lane | None]]:
-    """Each frame of a video with its lane, as `track`, with a tracker for it."""
-    with (
-        closing(read_ahead(read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic))) as frames,
-        progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
-    ):
-        for frame, lane in track_frames(frames, tracker):
-            yield frame, lane
-            bar.update()
+    with closing(read_frames(path, info, start_s=start_s, end_s=end_s, progress=progress)) as frames:
+        yield from track_frames(frames, tracker)
 
 
 def track_frames(frames: Iterable[TimedFrame], tracker: LaneTracker) -> Iterator[tuple[TimedFrame, Lane | None]]:
@@ -258,17 +238,14 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
 
 def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings: Markings | None) -> LaneTracker:
     """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` is doubtful."""
-    doubtful = pose is not None and pose.lane_width_m is None
-    find_pose = partial(_find_pose, camera=camera, markings=markings) if doubtful else None
-    return LaneTracker(camera, fps=fps, find_pose=find_pose, markings=markings)
 
-
-def _find_pose(image: np.ndarray, camera: Camera, markings: Markings | None) -> StillDetection | None:
-    """The lane and the pose in one image, None if the pose sees no road; the pose of `camera` is ignored."""
-    try:
-        return estimate_pose(image, camera, markings=markings).still
-    except CameraError:
+    def find_pose(image: np.ndarray) -> StillDetection | None:
+        with suppress(CameraError):  # the pose sees no road
+            return estimate_pose(image, camera, markings=markings).still
         return None
+
+    doubtful = pose is not None and pose.lane_width_m is None
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if doubtful else None, markings=markings)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
@@ -304,7 +281,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{' and report' if settings.report else ''} next to it"
     )
     if info.has_audio and not written.has_audio:
-        lines.append(f"{video}: its sound is neither AAC, Opus nor FLAC; {target} has no sound")
+        lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):
         lines.append(f"{video}: {change.describe()}")
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:

@@ -6,7 +6,7 @@ Pictures are taken as the sensor saw them, whatever their EXIF orientation says:
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -92,21 +92,14 @@ def calibrate(
         If too few boards are found, or they do not determine the intrinsics, or they fit no lens.
     """
     sources = [source] if isinstance(source, str | Path) else list(source)
-    detections = find_boards(list_board_pictures(sources), pattern, progress=progress)
+    detections = find_boards(find_sources(map(str, sources)).files, pattern, progress=progress)
     return calibrate_detections(detections, ", ".join(map(str, sources[:3])))
 
 
-def list_board_pictures(sources: Iterable[str | Path]) -> list[Path]:
-    """The pictures and videos in folders, and those that are named themselves."""
-    found = find_sources(map(str, sources))
-    return [*found.stills, *found.videos]
-
-
 def find_boards(
-    paths: Iterable[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
+    paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
 ) -> BoardDetections:
     """The board in every picture. Pictures that cannot be decoded are `unused`; one that does not exist is an error."""
-    paths = list(paths)
     same_name = Counter(path.name for path in paths)
     found = BoardDetections({}, pattern, {}, {})
     for done, path in enumerate(paths, 1):
@@ -156,7 +149,9 @@ def _add_video(found: BoardDetections, name: str, path: Path) -> None:
 def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
     """The names of up to `count` boards in their order, each as far from the others as possible; no two are alike."""
     names = list(boards)
-    outlines = np.array([_outline(board) for board in boards.values()])
+    grids = [(board.corners_px.reshape(board.rows, board.columns, 2), board.size) for board in boards.values()]
+    # the four outer corners as shares of the image's size
+    outlines = np.array([grid[[0, 0, -1, -1], [0, -1, 0, -1]] / size for grid, size in grids])
     chosen: set[int] = set()
     distance = np.full(len(names), np.inf)
     while len(chosen) < min(count, len(names)):
@@ -164,15 +159,9 @@ def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
         if distance[farthest] < SAME_VIEW_SHARE:
             break
         chosen.add(farthest)
-        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=1))
+        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=(1, 2)))
         distance[farthest] = -1
     return [names[index] for index in sorted(chosen)]
-
-
-def _outline(board: Board) -> np.ndarray:
-    """The four outer corners of a board as shares of the image's size, (8,)."""
-    grid = board.corners_px.reshape(board.rows, board.columns, 2)
-    return (grid[[0, 0, -1, -1], [0, -1, 0, -1]] / board.size).ravel()
 
 
 def _no_board(pattern: tuple[int, int]) -> str:

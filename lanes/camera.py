@@ -203,7 +203,7 @@ class Camera:
             return image
         if self.distortion.any():
             origin = "was calibrated for"
-            remedy = "use a picture of that size, or rescale (rescale=True in undistort, camera.scaled) a resized one."
+            remedy = "use a picture of that size, or camera.scaled(size) for a resized one."
         else:
             origin = "is that of pictures of"
             remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
@@ -357,19 +357,13 @@ def _largest_ray(*distortion: float) -> float:
     return first
 
 
-def undistort(image: np.ndarray, camera: Camera, *, rescale: bool = False) -> np.ndarray:
+def undistort(image: np.ndarray, camera: Camera) -> np.ndarray:
     """The RGB image (height, width, 3), uint8, without lens distortion, with the same camera matrix.
 
-    With `rescale` the image may have been resized (same aspect ratio): the calibration is rescaled to it. Raises
-    PictureError if the image is not RGB, or has another size than the camera and `rescale` is False, and CameraError if
-    `rescale` is True and the aspect ratio differs.
+    Raises PictureError if the image is not RGB, or has another size than the camera; see `Camera.scaled`.
     """
-    require_rgb(image)
-    size = image.shape[1::-1]
-    if rescale and size != camera.size:
-        camera = camera.scaled(size)
-    camera.require_size(image)
-    map_u, map_v = _undistortion_maps(size, tuple(camera.matrix.ravel()), tuple(np.ravel(camera.distortion)))
+    image = camera.require_size(image)
+    map_u, map_v = _undistortion_maps(camera.size, tuple(camera.matrix.ravel()), tuple(np.ravel(camera.distortion)))
     return cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR)
 
 

@@ -75,18 +75,14 @@ def put_text(
         return
     height, width = image.shape[:2]
     size, box_width, box_height = _fit_text(lines, size_px or round(height / 24), width, height)
-    darken(image[:box_height, :box_width], panel_alpha)
+    panel = image[:box_height, :box_width]
+    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
+    cv2.convertScaleAbs(panel, dst=panel, alpha=1 - panel_alpha, beta=panel_alpha * sum(PANEL_COLOUR) / 3)
     # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
     align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
     for number, line in enumerate(lines):
         position = text_margin(size), text_margin(size) // 2 + number * line_height(size) + size
         cv2.putText(image, line, position, TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
-
-
-def darken(part: np.ndarray, alpha: float) -> None:
-    """Blend the panel's colour into a part of an image with weight `alpha`."""
-    # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
-    cv2.convertScaleAbs(part, dst=part, alpha=1 - alpha, beta=alpha * sum(PANEL_COLOUR) / 3)
 
 
 def line_height(size_px: int) -> int:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
@@ -20,21 +20,14 @@ from typing import Any
 
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
-from lanes.calibration import (
-    calibrate,
-    calibrate_detections,
-    describe_calibration,
-    draw_contact_sheet,
-    find_boards,
-    list_board_pictures,
-)
+from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
-from lanes.errors import CameraError, LaneError, PictureError
+from lanes.errors import CameraError, LaneError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
@@ -46,8 +39,8 @@ from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
-from lanes.video.process import progress_bar, read_ahead
-from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.process import read_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 
 class Calibrate:
@@ -74,7 +67,7 @@ class Calibrate:
 
     @staticmethod
     def run(options: argparse.Namespace) -> int:
-        paths = list_board_pictures(options.pictures)
+        paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
         camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
@@ -227,7 +220,7 @@ class Detect:
             raise ValueError("--sequence is for stills of one camera; omit it, or omit --each.")
         if options.each and sources.videos:
             raise ValueError(f"{sources.videos[0]}: is no still; omit it, or omit --each.")
-        require_no_input_among([options.output], sources.videos + sources.stills)
+        require_no_input_among([options.output], sources.files)
         settings = read_settings(options, sources)
         failures: list[LaneError] = []
         found, missing = [], 0
@@ -277,10 +270,10 @@ class Explain:
         (file,) = options.files
         start_s, end_s, at_s = options.start_s, options.end_s, options.at
         info = None if kind_of_file(file) == "picture" else inspect_video(file, topic=options.topic)
-        if info is None and at_s is not None:
-            raise PictureError(f"{file}: is a single picture, which has no frame at {at_s:g} s; omit --at.")
-        if info and at_s is not None and not start_s <= at_s < min(info.duration_s, end_s or info.duration_s):
-            raise ValueError(f"{file}: lasts {info.duration_s:g} s; give an --at in it, and in --start to --end.")
+        length_s = info.duration_s if info else 0.0
+        if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
+            words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
+            raise ValueError(f"{file}: {words}, or none for a picture.")
         markings = options.markings and load_markings(options.markings)
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic, "markings": markings}
         camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"), **part)
@@ -290,7 +283,10 @@ class Explain:
             still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
         if info:
             tracker = make_tracker(info.fps, camera, estimate, markings)
-            explanation = explain_tracked(read_to_time(file, info, start_s, at_s), tracker, pose_doubt=pose_doubt)
+            until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
+            with closing(read_frames(file, info, start_s=start_s, end_s=until_s, progress=True)) as frames:
+                shown = islice(frames, 1 if at_s is None else None)
+                explanation = explain_tracked(shown, tracker, pose_doubt=pose_doubt)
         else:
             image = read_image(file)
             still = still or (detect_still(image, camera, markings=markings) if markings else None)
@@ -441,20 +437,8 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 def find_lens(options: argparse.Namespace) -> Camera:
     """The camera according to the options of `add_lens`, for images of the size of the first file."""
     sources = find_sources(map(str, options.files))
-    settings, files = read_settings(options, sources), [*sources.stills, *sources.videos]
-    return settings.camera_for(next(sample_images(files, 1, topic=options.topic)).shape[1::-1], files[0])
-
-
-def read_to_time(video: Path, info: VideoInfo, start_s: float, at_s: float | None) -> Iterator[TimedFrame]:
-    """The frames from `start_s` to that shown at `at_s`, by default only the first one, with a progress bar."""
-    until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
-    with (
-        closing(read_ahead(read_timed_frames(video, start_s=start_s, end_s=until_s, topic=info.topic))) as frames,
-        progress_bar(info, start_s=start_s, end_s=at_s, shown=True) as bar,
-    ):
-        for frame in islice(frames, 1 if at_s is None else None):
-            yield frame
-            bar.update()
+    settings, image = read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
+    return settings.camera_for(image.shape[1::-1], sources.files[0])
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
@@ -473,7 +457,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     elif options.hfov is not None:
         field = FieldOfView(options.hfov, GIVEN)
     else:
-        field = find_field_of_view([] if each else [*sources.stills, *sources.videos], options.topic)
+        field = find_field_of_view(() if each else sources.files, options.topic)
         if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
             print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
     more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}

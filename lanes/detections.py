@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 
-from lanes.annotate import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames, track_video
+from lanes.annotate import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.errors import LaneError
@@ -23,6 +24,7 @@ from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.labels import NO_POINT
 from lanes.pose import ensure_pose
+from lanes.video.process import read_frames
 from lanes.video.reader import TimedFrame
 
 
@@ -35,9 +37,10 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
     if pose:
         print(pose.describe())
     tracker = make_tracker(info.fps, camera, pose, settings.markings)
-    for frame, lane in track_video(video, tracker, info, progress=settings.progress):
-        names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
-        yield names | as_detection(lane, tracker.camera, rows, frame.latency_ms)
+    with closing(read_frames(video, info, progress=settings.progress)) as frames:
+        for frame, lane in track_frames(frames, tracker):
+            names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
+            yield names | as_detection(lane, tracker.camera, rows, frame.latency_ms)
 
 
 def detect_in_sequence(

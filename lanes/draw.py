@@ -22,7 +22,7 @@ from lanes.canvas import (
     finite_points,
     put_text,
 )
-from lanes.describe import describe_offset, describe_std
+from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
@@ -149,7 +149,8 @@ def _mosaic(
         "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, shown],
         "fitted lines": _draw_fit(birdseye // 2, lane, view)[:, shown],
     }
-    return _arrange_mosaic(drawn, panels, _describe_numbers(lane))
+    words = [f"{name}: {text}" for name, text in lane.summary().items()] if lane else ["no lane"]
+    return _arrange_mosaic(drawn, panels, words)
 
 
 def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]) -> np.ndarray:
@@ -177,18 +178,3 @@ def _draw_fit(image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.nd
         # without the rows that a line does not pass
         draw_polyline(image, finite_points(np.column_stack([columns, rows])), colour, 3)
     return image
-
-
-def _describe_numbers(lane: Lane | None) -> list[str]:
-    """Lines of text with the numbers that the overlay does not show."""
-    if lane is None:
-        return ["no lane"]
-    return [
-        f"lane {lane.width_m:.2f} ± {describe_std(lane.width_std_m)} m wide, "
-        f"heading {np.degrees(lane.heading_rad):+.2f}°",
-        f"curvature {1000 * lane.curvature_per_m:+.2f} ± {1000 * lane.curvature_std_per_m:.2f} per km",
-        f"pitch motion {np.degrees(lane.pitch_rad):+.2f}°, vertical curvature {1000 * lane.vertical_per_m:+.2f} per km",
-        f"left line: {lane.left.describe()}",
-        f"right line: {lane.right.describe()}",
-        f"speed {lane.motion.speed_mps:.0f} m/s" if lane.motion else "speed unknown",
-    ]

@@ -34,6 +34,8 @@ OTHER_PICTURES = (
     "--end) or pictures that show both lines by day, or a camera file with the pose (--camera). Annotate stills of "
     "several cameras with --each."
 )
+# Rejected lanes that are described, best first.
+MAX_REJECTED = 3
 
 
 @dataclass(frozen=True)
@@ -91,16 +93,15 @@ class Explanation:
         return "\n".join(lines)
 
     def describe_result(self) -> list[str]:
-        """Lines of text: the lane, the terms of the confidence as log odds, and the rejected lanes."""
-        lines = [f"state      {LOST}"]
+        """Lines of text: the lane, the terms of the confidence as log odds, and the best of the rejected lanes."""
+        words = {"state": LOST}
         if self.lane:
-            lines, terms = (
-                [f"{name:<10} {words}" for name, words in self.lane.summary().items()],
-                log_odds_terms(self.lane),
-            )
-            lines += ["confidence, as log odds:", *(f"  {name}: {term:+.2f}" for name, term in terms.items())]
-            lines += [f"  total {sum(terms.values()):+.2f}"]
-        return lines + [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
+            terms = log_odds_terms(self.lane)
+            total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
+            odds = f"log odds {sum(terms.values()):+.2f} = {total}"
+            words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
+        rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
+        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
 
     def __repr__(self) -> str:
         return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
@@ -178,7 +179,7 @@ def _explain_detection(
     if predicted:
         steps.append(Step("prediction", f"{track}; {_describe_place(predicted.lane)}"))
     if fit:
-        steps.append(_check_fit(fit, advice, found=lane is not None))
+        steps.append(_check_fit(fit, advice))
     if lane is not None:
         # A lane was found, so an earlier failure was not decisive.
         steps = [replace(step, failure="", advice="") for step in steps] + [_check_lane(lane, advice, pose_doubt)]
@@ -267,12 +268,10 @@ def _check_stripes(evidence: FrameEvidence, pose_advice: str) -> Step:
     return Step("stripes", summary, failure, advice + pose_advice)
 
 
-def _check_fit(fit: Fit, pose_advice: str, *, found: bool) -> Step:
-    """Check that the best lane is seen after the fit, and that its score is sufficient to start a track."""
+def _check_fit(fit: Fit, pose_advice: str) -> Step:
+    """Why no lane was found: the best one is not seen after the fit, or its score is too small to start a track."""
     support = fit.support[0]
     summary = f"score {np.sqrt(support).sum():.2f}, {_describe_paint(support)}"
-    if found:
-        return Step("fit", summary)
     failure = "the score of the best lane is too small to start a track"
     if not fit.seen[0]:
         failure = f"the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows"

@@ -201,8 +201,8 @@ def _plot_votes(axis: Axes, explanation: Explanation, search: Search) -> None:
     half_m = VOTES.bins / 2 * VOTES.bin_m
     axis.imshow(table[:, ::-1], extent=(half_m, -half_m, len(bends) - 0.5, -0.5), aspect="auto", cmap="magma")
     shown = np.arange(1, len(bends), 3)
-    axis.set_yticks(shown, [_radius(bends[n]) for n in shown], fontsize=8)
-    axis.set(xlabel="left (m)", ylabel="bend")
+    axis.set_yticks(shown, [f"{1000 * bends[n]:.0f}" for n in shown], fontsize=8)
+    axis.set(xlabel="left (m)", ylabel="curvature (per km)")
     for candidate in explanation.candidates:
         row = np.interp(candidate.model[CURVATURE], bends, np.arange(len(bends)))
         lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
@@ -241,19 +241,12 @@ def _plot_fit(axis: Axes, explanation: Explanation, fit: Fit) -> None:
 
 def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
     """Failure and advice, then the lane in words."""
-    verdict, failed = [], explanation.failed
+    lines, failed = explanation.describe_result(), explanation.failed
+    lines = [f"prediction {step.summary}" for step in explanation.steps if step.name == "prediction"] + lines
     if failed:
-        verdict = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}"]
-    results = [f"prediction {step.summary}" for step in explanation.steps if step.name == "prediction"]
-    results += explanation.describe_result()
-    look: dict[str, Any] = {"xycoords": "axes fraction", "textcoords": "offset points", "va": "top", "fontsize": 9}
-    below = 0
-    for lines, colour in ((verdict, FAILED_COLOUR), (results, "0.1")):
-        for line in lines:
-            for part in textwrap.wrap(line, 72, subsequent_indent="    "):
-                axis.annotate(part, (0, 1), (0, -below), family="monospace", color=colour, **look)
-                below += 12
-        below += 6
+        lines = [f"Step “{failed.name}”: {failed.failure}", f"What to do: {failed.advice}", "", *lines]
+    text = "\n".join(textwrap.fill(line, 84, subsequent_indent=" " * 11) for line in lines)
+    axis.text(0, 1, text, va="top", fontsize=8, family="monospace", in_layout=False, transform=axis.transAxes)
     axis.set_axis_off()
 
 
@@ -266,9 +259,3 @@ def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
     """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
     x, y, z = (directions @ camera.require_pose().rotation.T).T
     return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T
-
-
-def _radius(curvature_per_m: float) -> str:
-    if abs(curvature_per_m) < 1e-6:
-        return "straight"
-    return f"{'left' if curvature_per_m > 0 else 'right'} {1 / abs(curvature_per_m):.0f} m"

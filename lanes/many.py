@@ -28,7 +28,7 @@ from lanes.camera import camera_to_dict
 from lanes.errors import VideoError
 from lanes.files import partial_files, read_text, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
-from lanes.report.moments import frame_lengths_s, seconds_lost, share_tracked
+from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -10,7 +10,7 @@ No drive is refused: where few images show a lane, the pose is doubtful, and the
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import chain, islice
@@ -262,7 +262,7 @@ def ensure_pose(camera: Camera, source: Any, **options: Any) -> tuple[Camera, Po
     return estimate.camera, estimate
 
 
-def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
+def _list_images(source: Any) -> tuple[Sequence[Path], Iterator[np.ndarray]]:
     """The files of a source of `estimate_pose`, or its images."""
     if isinstance(source, str | Path | np.ndarray):
         source = [source]
@@ -270,8 +270,7 @@ def _list_images(source: Any) -> tuple[list[Path], Iterator[np.ndarray]]:
     first = list(islice(items, 1))
     if not first or isinstance(first[0], np.ndarray):
         return [], chain(first, items)
-    sources = find_sources(map(str, chain(first, items)))
-    return [*sources.stills, *sources.videos], iter(())
+    return find_sources(map(str, chain(first, items))).files, iter(())
 
 
 def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarray], Camera]:
@@ -362,6 +361,10 @@ def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m:
     log_std = _std_of_median(shown[:, LOG_HEIGHT], LANE_WIDTH_SCATTER)
     width_std_m = EDGE_LANE_WIDTH_STD_M if 2 * np.nansum(shown[:, EDGE]) > used else LANE_WIDTH_STD_M
     log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, width_std_m / lane_width_m))
+    width_ratio = 1.0  # of the lanes to the given width, which is not used if the height is given
+    if height_m:
+        shown_log = _weighted_median(shown[:, LOG_HEIGHT], shown[:, CONFIDENCE], np.log(height_m))
+        width_ratio = height_m / float(np.exp(shown_log))
     rolls = int(np.isfinite(shown[:, ROLL_RAD]).sum())
     notes = []
     if doubtful:
@@ -381,16 +384,9 @@ def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m:
         roll_std_rad=_std_of_median(shown[:, ROLL_RAD], PRIOR_ROLL_STD_RAD),
         frames_used=used,
         frames_total=total,
-        lane_width_m=None if doubtful else lane_width_m * _width_ratio(shown, height_m),
+        lane_width_m=None if doubtful else lane_width_m * width_ratio,
         notes=tuple(notes),
     )
-
-
-def _width_ratio(shown: np.ndarray, height_m: float | None) -> float:
-    """Width of the lanes relative to the given one: 1, unless the height is given."""
-    if height_m is None:
-        return 1.0
-    return height_m / float(np.exp(_weighted_median(shown[:, LOG_HEIGHT], shown[:, CONFIDENCE], np.log(height_m))))
 
 
 def _std_of_median(values: np.ndarray, motion_std: float) -> float:

@@ -15,14 +15,7 @@ import numpy as np
 from lanes.errors import VideoError
 from lanes.files import list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
-from lanes.video.reader import (
-    STAMP_TOLERANCE_S,
-    TimedFrame,
-    VideoInfo,
-    inspect_turn,
-    inspect_video,
-    read_timed_frames,
-)
+from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
 
 # Reading this much of a video takes about as long as reopening it at another time.
 SEEK_S = 2.0
@@ -35,6 +28,11 @@ class Sources:
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
     skipped: tuple[Path, ...] = ()
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The stills, then the videos."""
+        return self.stills + self.videos
 
 
 def find_sources(names: Iterable[str]) -> Sources:

@@ -75,9 +75,4 @@ def _vote(middle: np.ndarray, along: np.ndarray, weight: np.ndarray) -> np.ndarr
 def mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
     """Maximum of a density given on a grid, and the standard deviation about it."""
     mode = float(values[np.argmax(density)])
-    return mode, std_about(mode, values, density)
-
-
-def std_about(value: float, values: np.ndarray, density: np.ndarray) -> float:
-    """Root mean square distance from `value` of a density given on a grid."""
-    return float(np.sqrt(np.average((values - value) ** 2, weights=density)))
+    return mode, float(np.sqrt(np.average((values - mode) ** 2, weights=density)))

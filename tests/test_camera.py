@@ -177,13 +177,11 @@ class TestSizes:
         left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 0], [1919.5, 0]]))[:, 0]))
         assert right - left == pytest.approx(hfov_deg)
 
-    def test_undistort_refuses_another_size_unless_asked_to_rescale(self):
+    def test_undistort_refuses_another_size(self):
         small = np.full((360, 640, 3), 90, np.uint8)
-        with pytest.raises(PictureError, match="640x360 pixels, .* for 1280x720; .*rescale=True in undistort"):
+        with pytest.raises(PictureError, match="640x360 pixels, .* for 1280x720; .*camera.scaled"):
             undistort(small, DASHCAM)
-        assert undistort(small, DASHCAM, rescale=True).shape == (360, 640, 3)
-        with pytest.raises(CameraError, match="another aspect ratio"):
-            undistort(np.zeros((480, 640, 3), np.uint8), DASHCAM, rescale=True)
+        assert undistort(small, DASHCAM.scaled((640, 360))).shape == (360, 640, 3)
 
 
 @pytest.fixture

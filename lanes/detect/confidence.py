@@ -80,11 +80,6 @@ def log_odds(lane: Lane) -> float:
     return sum(log_odds_terms(lane).values())
 
 
-def rate_lane(lane: Lane) -> float:
-    """Probability, 0 to 1, that a lane is correct."""
-    return float(1 / (1 + np.exp(-log_odds(lane))))
-
-
 # Variance of the errors relative to the variance that a fit or the filter assumes: a constant, and its growth with the
 # largest curvature and the largest vertical curvature in view (1/m); tracked, and in a single image. Fit and filter
 # assume more noise than most roads have, so that worn paint and hairpins do not surprise them. Fitted on variants 2 and

@@ -11,7 +11,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
-from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, rate_lane
+from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, log_odds
 from lanes.detect.line_type import MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
@@ -230,7 +230,7 @@ class Lane:
     @cached_property
     def confidence(self) -> float:
         """Probability, 0 to 1, that both lines are within 0.2 m of the true ones, 5 to 30 m ahead."""
-        return rate_lane(self)
+        return float(1 / (1 + np.exp(-log_odds(self))))
 
     @property
     def offset_m(self) -> float:

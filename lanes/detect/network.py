@@ -63,14 +63,10 @@ def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     paint, edges = network_strengths(image, view)
     response = MarkingResponse(paint, band.response.channels, learned=True)
     painted, _ = place(find_stripes(response, view), band.response.strength, view)
-    return replace(band, response=response, stripes=painted.joined(edge_stripes(edges, view)))
-
-
-def edge_stripes(strength: np.ndarray, view: BirdsEyeView) -> Stripes:
-    """Stripe candidates at the edges of the road, from their strength (rows, columns)."""
-    found = find_stripes(MarkingResponse(strength, np.empty(0), learned=True), view)
-    std_m, weight = np.hypot(found.std_m, PAINT.edge_std_m), PAINT.edge_weight * found.weight
-    return replace(found, weight=weight, std_m=std_m, edge=np.ones(len(found), bool))
+    beside = find_stripes(replace(response, strength=edges), view)
+    std_m, weight = np.hypot(beside.std_m, PAINT.edge_std_m), PAINT.edge_weight * beside.weight
+    beside = replace(beside, weight=weight, std_m=std_m, edge=np.ones(len(beside), bool))
+    return replace(band, response=response, stripes=painted.joined(beside))
 
 
 @lru_cache(maxsize=2)

@@ -97,14 +97,152 @@ function seekByKey(event) {
   event.preventDefault();
 }
 
+/** Runs of equal labels of the frames: label, first frame, one past the last frame. */
+function runsOf(labels) {
+  const runs = [];
+  for (let first = 0, end; first <= last; first = end) {
+    for (end = first; end <= last && labels[end] === labels[first];) end++;
+    runs.push([labels[first], first, end]);
+  }
+  return runs;
+}
+
+const MAX_MOMENTS = 3;
+
+/** The longest runs of the wanted labels: frames, and texts with label and seconds. */
+function longestRuns(labels, wanted, words) {
+  const runs = runsOf(labels).filter(([label]) => wanted.includes(label))
+    .map(([label, first, end]) => [first, words(label), (times[end] ?? length) - times[first]]);
+  runs.sort((a, b) => b[2] - a[2]);
+  return runs.slice(0, MAX_MOMENTS).map(([first, text, seconds]) => [first, text + seconds.toFixed(1) + " s"]);
+}
+
+/** The lowest values within a second to either side, two seconds apart: closer moments show the same situation. */
+function lowestValues(values, words) {
+  const order = [...times.keys()].filter((i) => values[i] !== null).sort((a, b) => values[a] - values[b]);
+  const chosen = [];
+  for (const i of order) {
+    const near = values.slice(frameAt(times[i] - 1), frameAt(times[i] + 1) + 1);
+    const lowest = near.every((value) => value === null || value >= values[i]);
+    if (lowest && chosen.every((k) => Math.abs(times[k] - times[i]) > 1.99)) chosen.push(i);
+    if (chosen.length === MAX_MOMENTS) break;
+  }
+  return chosen.map((i) => [i, words(Math.abs(values[i]))]);
+}
+
+const scaled = (values, factor) => values.map((value) => value === null ? null : factor * value);
+
+/** The worst moments by kind, from the worst on. */
+function worstMoments() {
+  const confidence = frames.confidence.map((value, i) => frames.state[i] === "lost" ? null : value);
+  return {
+    "Lane not seen": longestRuns(frames.state, ["lost", "coasting"], (state) => state + " for "),
+    "Lane departures": longestRuns(frames.departure, ["left", "right"], (side) => `towards the ${side} line, `),
+    "Lowest confidence": lowestValues(confidence, (value) => "confidence " + value.toFixed(2)),
+    // Negative, so that the largest standard deviations are the lowest values.
+    "Least certain offset": lowestValues(scaled(frames.offset_std_m, -1), (std) => `± ${Math.max(std, 0.01).toFixed(2)} m`),
+    "Least certain bend": lowestValues(scaled(frames.curvature_std_per_m, -1000), (std) => `± ${std.toFixed(2)} per km`),
+  };
+}
+
+function add(parent, name, ...content) {
+  const child = parent.appendChild(document.createElement(name));
+  child.append(...content);
+  return child;
+}
+
+function listMoments() {
+  const nav = document.querySelector(".moments");
+  for (const [kind, moments] of Object.entries(worstMoments())) {
+    if (!moments.length) continue;
+    add(nav, "h3", kind);
+    const list = add(nav, "ul");
+    for (const [i, text] of moments) {
+      const button = add(add(list, "li"), "button");
+      add(button, "b", clock(times[i]));
+      button.append(" " + text);
+      button.addEventListener("click", () => seek(times[i]));
+    }
+  }
+}
+
+function addPath(svg, kind, d) {
+  const path = svg.appendChild(document.createElementNS(svg.namespaceURI, "path"));
+  path.setAttribute("class", kind);
+  path.setAttribute("d", d);
+}
+
+/** Drawings are 1000 units wide and 100 high; the browser stretches them. */
+function toX(time) {
+  return ((1000 * time) / length).toFixed(2);
+}
+
+function drawStates() {
+  const svg = document.querySelector(".states svg");
+  const counts = {};
+  for (const [state, first, end] of runsOf(frames.state)) {
+    addPath(svg, state, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
+    counts[state] = (counts[state] ?? 0) + end - first;
+  }
+  for (const [state, count] of Object.entries(counts).sort((a, b) => b[1] - a[1])) {
+    const item = add(document.querySelector(".legend"), "li");
+    add(item, "i").className = state;
+    item.append(`${state} ${Math.round((100 * count) / times.length)}%`);
+  }
+}
+
+/** The limits of an axis and three to six round values between them; 1 % of the values may lie outside at each end. */
+function ticksOf(values, [low, high]) {
+  const known = values.filter((value) => value !== null).sort((a, b) => a - b);
+  if (known.length) {
+    low = Math.min(low, known[Math.round(0.01 * (known.length - 1))]);
+    high = Math.max(high, known[Math.round(0.99 * (known.length - 1))]);
+  }
+  const wanted = (high - low) / 4;
+  const power = 10 ** Math.floor(Math.log10(wanted));
+  const step = [1, 2, 5, 10].map((m) => m * power).sort((a, b) => Math.abs(a - wanted) - Math.abs(b - wanted))[0];
+  const ticks = [];
+  for (let k = Math.floor(low / step + 1e-9); k <= Math.ceil(high / step - 1e-9); k++) ticks.push(k * step);
+  return ticks;
+}
+
+/** Runs of frames with a value; of a long drive those with the lowest and highest value of each of 1000 columns. */
+function partsOf(values) {
+  const size = times.length > 2000 ? times.length / 1000 : 1;
+  const parts = [[]];
+  for (let first = 0; first <= last; first += size) {
+    const known = [];
+    for (let i = Math.ceil(first); i < first + size && i <= last; i++) if (values[i] !== null) known.push(i);
+    known.sort((a, b) => values[a] - values[b]);
+    if (known.length) parts.at(-1).push(...[...new Set([known[0], known.at(-1)])].sort((a, b) => a - b));
+    else parts.push([]);
+  }
+  return parts.filter((part) => part.length);
+}
+
+/** Draw values of the frames, null where unknown, with a band of one standard deviation to either side. */
+function drawCurve(name, values, std, span) {
+  const figure = document.getElementById("curve-" + name);
+  const svg = figure.querySelector("svg");
+  const ticks = ticksOf(values, span);
+  const toY = (value) => ((100 * (ticks.at(-1) - value)) / (ticks.at(-1) - ticks[0])).toFixed(2);
+  const join = (points) => "M" + points.map(([i, value]) => toX(times[i]) + " " + toY(value)).join("L");
+  for (const tick of ticks) {
+    add(figure.querySelector(".ticks"), "span", Number(tick.toPrecision(6))).style.top = toY(tick) + "%";
+  }
+  addPath(svg, "grid", ticks.map((tick) => `M0 ${toY(tick)}H1000`).join(""));
+  const parts = partsOf(values);
+  const beside = (part, sign) => part.map((i) => [i, values[i] + sign * std[i]]);
+  if (std) addPath(svg, "band", parts.map((p) => join([...beside(p, 1), ...beside(p, -1).reverse()]) + "Z").join(""));
+  addPath(svg, "line", parts.map((part) => join(part.map((i) => [i, values[i]]))).join(""));
+}
+
 function drawAxis() {
   const steps = [0.1, 0.2, 0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 1200, 3600];
   const step = steps.find((s) => length / s <= 10) || 7200;
   for (let time = 0; time <= length * 0.98; time += step) {
-    const label = document.createElement("span");
-    label.style.left = (100 * time) / length + "%";
-    label.textContent = step < 1 ? clock(time) : clock(time).slice(0, -2);
-    document.querySelector(".axis").append(label);
+    const label = step < 1 ? clock(time) : clock(time).slice(0, -2);
+    add(document.querySelector(".axis"), "span", label).style.left = (100 * time) / length + "%";
   }
 }
 
@@ -120,15 +258,17 @@ track.addEventListener("pointerdown", (event) => {
 });
 track.addEventListener("pointermove", (event) => { if (event.buttons & 1) seekToPointer(event); });
 track.addEventListener("keydown", seekByKey);
-for (const button of document.querySelectorAll("button[data-time]")) {
-  button.addEventListener("click", () => seek(Number(button.dataset.time)));
-}
 for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
 video.addEventListener("play", follow);
 // The style limits the height of the video. The width follows from it, so that there are no black bars.
 video.addEventListener("loadedmetadata", () => {
   video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
 });
+listMoments();
+drawStates();
+drawCurve("offset", frames.offset_m, frames.offset_std_m, [-0.5, 0.5]);
+drawCurve("curvature", scaled(frames.curvature_per_m, 1000), scaled(frames.curvature_std_per_m, 1000), [-1, 1]);
+drawCurve("confidence", frames.confidence, null, [0, 1]);
 drawAxis();
 show();
 loadVideo();

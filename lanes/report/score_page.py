@@ -36,10 +36,11 @@ def _still(score: PictureScore, picture: Path) -> dict:
         image.thumbnail(MAX_SIZE_PX)
         image.save(jpeg, "JPEG", quality=JPEG_QUALITY)
     lanes = [(lane.rows, lane.columns, lane.ego_lane(score.size).columns) for lane in (score.label, score.prediction)]
-    still: dict[str, object] = {
+    return {
         "name": score.label.name,
         "right": score.right,
         "confidence": score.prediction.confidence,
+        "size": score.size,
+        "lanes": [[array.tolist() for array in lane] for lane in lanes],
+        "jpeg": base64.b64encode(jpeg.getvalue()).decode(),
     }
-    still |= {"size": score.size, "lanes": [[array.tolist() for array in lane] for lane in lanes]}
-    return still | {"jpeg": base64.b64encode(jpeg.getvalue()).decode()}

@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, translate_write_errors
-from lanes.video.reader import VideoInfo, inspect_video, read_timed_frames
+from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
 
 Row = Mapping[str, object]
@@ -92,9 +92,8 @@ def process_video(
         # This order renames the telemetry file only after the video.
         telemetry or nullcontext() as table,
         writer,
-        closing(read_ahead(read_timed_frames(source, start_s=start_s, end_s=end_s, topic=info.topic))) as frames,
+        closing(read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)) as frames,
         write_behind(writer.encode) as encode,
-        progress_bar(info, start_s=start_s, end_s=end_s, shown=progress) as bar,
     ):
         numbers: list[int] = []
         for frame in frames:
@@ -104,7 +103,6 @@ def process_video(
             encode(writer.convert(image, frame.time_s))
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
-            bar.update()
             numbers.append(frame.number)
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
     expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
@@ -130,14 +128,27 @@ def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -
     return made, {**row, "latency_ms": row.get("latency_ms", latency_ms)}
 
 
-def read_ahead(items: Generator) -> Generator:
-    """The same items; another thread fetches up to `QUEUE_SIZE` in advance. Closing it also closes `items`."""
-    end = object()
-    with closing(items), ThreadPoolExecutor(1) as thread:
-        waiting = deque(thread.submit(next, items, end) for _ in range(QUEUE_SIZE))
-        while (item := waiting.popleft().result()) is not end:
-            waiting.append(thread.submit(next, items, end))
-            yield item
+def read_frames(
+    path: str | Path, info: VideoInfo, *, start_s: float = 0.0, end_s: float | None = None, progress: bool = False
+) -> Generator[TimedFrame]:
+    """The frames of `read_timed_frames`; another thread reads up to `QUEUE_SIZE` in advance.
+
+    With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
+    """
+    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
+    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
+    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+    items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
+    with (
+        closing(items),
+        ThreadPoolExecutor(1) as thread,
+        tqdm(total=max(expected, 0), unit="frame", disable=not (progress and interactive)) as bar,
+    ):
+        waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
+        while (frame := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, items, None))
+            yield frame
+            bar.update()
 
 
 @contextmanager
@@ -157,11 +168,3 @@ def write_behind(write: Callable) -> Iterator[Callable]:
         yield put
         for written in waiting:
             written.result()
-
-
-def progress_bar(info: VideoInfo, *, start_s: float, end_s: float | None, shown: bool) -> tqdm:
-    """A progress bar in frames; hidden if stderr is neither a terminal nor a notebook."""
-    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
-    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
-    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
-    return tqdm(total=max(expected, 0), unit="frame", disable=not (shown and interactive))

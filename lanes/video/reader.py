@@ -103,7 +103,7 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
             raise VideoError(f"{path}: {NOT_DECODED}")
         rate = frame_rate(stream, path)
         gaps, cut_off = _count_gaps(stamps, rate, stream), _count_cut_off(container, rate, end_s)
-        width, height = _shown_size(first, stream)
+        width, height = _square_size(first, stream)[:: -1 if _quarter_turns(first) % 2 else 1]
         return VideoInfo(
             width=width,
             height=height,
@@ -264,11 +264,6 @@ def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int
     if not 1 / MAX_PIXEL_ASPECT <= aspect <= MAX_PIXEL_ASPECT:  # nonsense
         aspect = Fraction(1)
     return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
-
-
-def _shown_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
-    width, height = _square_size(frame, stream)
-    return (height, width) if _quarter_turns(frame) % 2 else (width, height)
 
 
 def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from fractions import Fraction
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,11 +18,19 @@ from av.container import InputContainer, OutputContainer
 from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
-from lanes.video.container import MAX_FPS, MIN_FPS, open_video, start_time, translate_errors
+from lanes.video.container import (
+    MAX_FPS,
+    MIN_FPS,
+    decode_packet,
+    open_video,
+    read_packets,
+    start_time,
+    translate_errors,
+)
 from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, inspect_video
 
-# Audio codecs that mp4 allows at every sampling rate, and browsers play.
-SOUND_CODECS = {"aac", "opus", "flac"}
+# Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
+COPIED_CODECS, SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
 # x264's default for constant quality.
 CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
@@ -46,8 +55,8 @@ class VideoWriter:
     fps : float
         Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
     sound_from : str or Path, optional
-        A video whose sound is copied, from the time of the first written frame to that of the last, if it has one of
-        `SOUND_CODECS`.
+        A video whose sound is copied or encoded again, from the time of the first written frame to that of the last.
+        Sound that cannot be decoded is left out.
 
     Raises
     ------
@@ -55,13 +64,7 @@ class VideoWriter:
         If `path` is no .mp4, no frame was written, frames differ in size or are not RGB, or the file cannot be written.
     """
 
-    def __init__(
-        self,
-        path: str | Path,
-        *,
-        fps: float,
-        sound_from: str | Path | None = None,
-    ) -> None:
+    def __init__(self, path: str | Path, *, fps: float, sound_from: str | Path | None = None) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
             raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
@@ -154,7 +157,7 @@ class VideoWriter:
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                self._sound.write_until((self._last_pts + self._ticks_per_frame) * float(self._tick))
+                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
             self._container.close()
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
@@ -172,43 +175,61 @@ class VideoWriter:
 
 
 class SoundTrack:
-    """The first sound track of `source` in one of `SOUND_CODECS`, copied to `target` interleaved with the frames."""
+    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
     def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
         self._source, self._target, self._start_s = source, target, start_s
         # A track in a codec that FFmpeg does not know has no codec context.
-        known = (track for track in source.streams.audio if track.codec_context)
-        track = next((track for track in known if track.codec_context.name in SOUND_CODECS), None)
-        self._packets = iter(()) if track is None else self._from_start(track)
-        self._next = next(self._packets, None)
+        track = next((track for track in source.streams.audio if track.codec_context), None)
+        self._encoder: av.AudioStream | None = None
+        if track and track.codec_context.name not in COPIED_CODECS:
+            self._encoder = target.add_stream("aac", rate=SOUND_RATE_HZ)
+        self._pieces = self._from_start(track) if track else iter(())
+        self._next = next(self._pieces, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None and self._next[0] < time_s:
-            # FFmpeg refuses, for instance, damaged packets and repeated time stamps; the video goes on.
-            with suppress(ValueError):
-                self._target.mux(self._next[1])
-            self._next = next(self._packets, None)
+            self._write(self._next[1])
+            self._next = next(self._pieces, None)
 
-    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, av.Packet]]:
-        """Packets from `start_s` on, for the output, with their times since then."""
-        path, output = self._source.name.removeprefix("file:"), self._target.add_stream_from_template(sound)
+    def finish(self, time_s: float) -> None:
+        """Write the sound before `time_s`, and what the encoder holds back."""
+        self.write_until(time_s)
+        self._write(None)
+
+    def _write(self, piece: Any) -> None:
+        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other channels; the video goes on.
+        with suppress(ValueError):
+            self._target.mux(self._encoder.encode(piece) if self._encoder else piece or [])
+
+    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
+        """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
+        path = self._source.name.removeprefix("file:")
         zero_s = self._start_s + float(start_time(self._source.streams.video[0], path))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
+        pieces: Iterator[Any] = read_packets(self._source, sound)
+        if self._encoder:
+            pieces = chain.from_iterable(map(decode_packet, pieces))
+        output = self._encoder or self._target.add_stream_from_template(sound)
         last_s = -math.inf
-        for packet in translate_errors(self._source.demux(sound), path):
-            if packet.pts is None:
+        for piece in translate_errors(pieces, path):
+            if piece.pts is None:
                 continue
-            time_s = float(packet.pts * packet.time_base) - zero_s
+            time_s = float(piece.pts * piece.time_base) - zero_s
             if time_s < last_s - CLOCK_RESET_S:
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s
-            packet.stream, packet.pts = output, round(time_s / packet.time_base)
-            packet.dts = packet.pts
-            if packet.pts >= 0:
-                yield time_s, packet
+            if self._encoder:
+                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
+                piece.time_base = Fraction(1, piece.sample_rate)
+            else:
+                piece.stream = output
+            piece.pts = piece.dts = round(time_s / piece.time_base)
+            if piece.pts >= 0:
+                yield time_s, piece
 
 
 def open_mp4(

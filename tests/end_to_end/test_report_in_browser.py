@@ -33,6 +33,9 @@ def folder(tmp_path_factory):
     story_of = {"title": HOSTILE, "telemetry": story(), "settings": {"a": "b"}}
     write_report(folder / "inside.html", video=folder / HOSTILE, **story_of)
     write_report(folder / "linked.html", video=folder / HOSTILE, max_embedded_bytes=0, **story_of)
+    long = {"title": "long", "telemetry": story(20_000, 2000.0), "settings": {}}
+    long["telemetry"]["offset_m"][[12_345, 17_001]] = 3.0, -2.0
+    write_report(folder / "long.html", video=folder / HOSTILE, max_embedded_bytes=0, **long)
     (folder / "gone.mp4").write_bytes(b"0")
     write_report(folder / "gone.html", video=folder / "gone.mp4", max_embedded_bytes=0, **story_of)
     (folder / "gone.mp4").unlink()
@@ -101,6 +104,98 @@ def test_the_measures_next_to_the_video(page):
     assert text_of(page, "bend") == "left, R 1000 m"
     bends = page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)")
     assert bends == ["left, R 500 m", "right, R 100 m", "straight (R > 3 km)", "left, R 10 m"]
+
+
+def curve(page, name: str, kind: str) -> list[np.ndarray]:
+    """The parts of a curve or band as points (N, 2): frame number, and value on the axis of the curve."""
+    ticks, path = page.execute_script(
+        """const figure = document.getElementById("curve-" + arguments[0]);
+        const ticks = [...figure.querySelectorAll(".ticks span")].map((label) => Number(label.textContent));
+        return [ticks, figure.querySelector("path." + arguments[1]).getAttribute("d")]""",
+        name,
+        kind,
+    )
+    parts = [part.rstrip("Z").split("L") for part in path.split("M")[1:]]
+    points = [np.array([point.split() for point in part], float) for part in parts]
+    return [np.column_stack([p[:, 0] / 5, ticks[-1] - p[:, 1] / 100 * (ticks[-1] - ticks[0])]) for p in points]
+
+
+@pytest.mark.parametrize(("name", "column", "unit"), [("offset", "offset", 1), ("curvature", "curvature", 1000)])
+def test_curves_have_gaps_and_a_band_of_one_standard_deviation(page, name, column, unit):
+    telemetry, suffix = story(), "_m" if name == "offset" else "_per_m"
+    values, std = unit * telemetry[column + suffix], unit * telemetry[f"{column}_std{suffix}"]
+    lines, bands = curve(page, name, "line"), curve(page, name, "band")
+    for frames, line, band in zip((np.arange(90), np.arange(120, 200)), lines, bands, strict=True):
+        np.testing.assert_allclose(line, np.column_stack([frames, values[frames]]), atol=0.01)
+        high, low = np.split(band, 2)
+        np.testing.assert_allclose(high[:, 1] - line[:, 1], std[frames], atol=0.001)
+        np.testing.assert_allclose(line[:, 1] - low[::-1, 1], std[frames], atol=0.001)
+
+
+def test_axes_contain_the_values_and_have_round_ticks(page):
+    ticks_of = "return ticksOf(arguments[0], arguments[1])"
+    assert page.execute_script(ticks_of, [0, 3, None], [0, 4]) == [0, 1, 2, 3, 4]
+    for values in ([None, None], [0, 0], [1e-7, -1e-7], [-250, 380], [0.5, None]):
+        ticks, known = page.execute_script(ticks_of, values, [-0.5, 0.5]), [value or 0 for value in values]
+        assert min(ticks) <= min(-0.5, *known) and max(ticks) >= max(0.5, *known)
+        assert 2 <= len(ticks) <= 12 and 0 in ticks and all(len(f"{tick:g}") < 6 for tick in ticks)
+    # An outlier does not flatten the curve.
+    waves = np.where(np.arange(500) == 77, 1e4, np.sin(np.arange(500) / 20))
+    assert max(page.execute_script(ticks_of, waves.tolist(), [0, 1])) < 5
+
+
+def test_states_fill_the_strip(page):
+    bars = "return [...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
+    edges = {"searching": (0, 15), "coasting": (400, 450), "lost": (450, 600)}
+    found = {name: path for name, path in page.execute_script(bars) if name != "tracking"}
+    assert found == {name: f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z" for name, (a, b) in edges.items()}
+    legend = page.execute_script("return document.querySelector('.legend').innerText").split("\n")
+    assert legend == ["tracking 79%", "lost 15%", "coasting 5%", "searching 2%"]
+
+
+def test_a_long_curve_keeps_its_peaks(browser, folder):
+    browser.open(folder / "long.html")
+    points = np.concatenate(curve(browser, "offset", "line"))
+    assert len(points) <= 2000
+    for frame, value in ((12_345, 3.0), (17_001, -2.0)):  # outside of the axis
+        nearest = points[np.abs(points[:, 1] - value).argmin()]
+        np.testing.assert_allclose(nearest, [frame / 100, value], atol=0.02)
+    assert browser.console() == []
+
+
+def moments(page, kind: str) -> list[tuple[float, str]]:
+    script = "return worstMoments()[arguments[0]].map(([i, text]) => [times[i], text])"
+    return [(round(time_s, 3), text) for time_s, text in page.execute_script(script, kind)]
+
+
+def test_worst_moments(page, browser, folder):
+    assert moments(page, "Lane not seen") == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
+    departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
+    assert moments(page, "Lane departures") == departures
+    # 2.75 s is too close to 2.5 s. Lost frames are left out.
+    assert moments(page, "Lowest confidence")[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
+    assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
+    assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
+    headings = page.execute_script("return [...document.querySelectorAll('nav h3')].map(h => h.textContent)")
+    assert headings == page.execute_script("return Object.keys(worstMoments())") and len(headings) == 5
+
+
+def test_worst_moments_of_a_decreasing_uncertainty_and_of_a_single_lost_frame(browser, folder):
+    telemetry = story()
+    for largest_m, words in ((0.5, "± 0.50 m"), (0.005, "± 0.01 m")):
+        telemetry["offset_std_m"] = np.linspace(largest_m, largest_m / 5, 200)
+        show(browser, folder, telemetry)
+        assert moments(browser, "Least certain offset") == [(0.0, words)]
+    show(browser, folder, {name: column[100:101] for name, column in story().items()})
+    assert len(moments(browser, "Lane not seen")) == 1
+    assert moments(browser, "Lowest confidence") == moments(browser, "Least certain bend") == []
+    assert len(browser.execute_script("return [...document.querySelectorAll('nav h3')]")) == 1
+    assert browser.console() == []
+
+
+def show(browser, folder, telemetry) -> None:
+    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0}
+    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **options))
 
 
 def test_buttons_seek_to_moments(page):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import av
 import pytest
 
@@ -30,10 +28,21 @@ def test_part_with_synchronous_sound(tmp_path):
         assert float(sound.duration * sound.time_base) == pytest.approx(2.0, abs=0.05)
 
 
-def test_sound_of_a_transport_stream(tmp_path):
-    """Its clock does not begin at 0, and its packets have headers of their own."""
-    path = make_video(tmp_path / "drive.ts", 40, sound="aac")
-    assert process_video(path, tmp_path / "out.mp4", unchanged, progress=False).has_audio
+@pytest.mark.parametrize(
+    ("suffix", "codec", "audio"),
+    [
+        ("ts", "aac", {}),
+        # A tick of this avi is a whole frame of MP3, longer than one of AAC.
+        ("avi", "libmp3lame", {"layout": "stereo", "rate": 44100}),
+        # AAC has no such sampling rate.
+        ("mov", "pcm_s16le", {"rate": 192_000}),
+    ],
+)
+def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
+    path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec, **audio)
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert info.has_audio
+    # avi begins with the sound, some frames before the picture
     with av.open(str(path)) as container:
         first_s = next(container.decode(video=0)).time
     assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(tone_starts_s(path) - first_s, abs=0.03)
@@ -48,17 +57,18 @@ def test_sound_that_browsers_play_is_copied(video, tmp_path):
     assert len(after) >= len(before) - 2 > 80
 
 
-def test_appended_recording(tmp_path):
-    """The time stamps begin again."""
-    path = make_video(tmp_path / "drive.ts", 40, sound="aac")
-    path.write_bytes(path.read_bytes() + make_video(tmp_path / "other.ts", 30, sound="aac").read_bytes())
+@pytest.mark.parametrize(("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)])
+def test_appended_recording(tmp_path, codec, layout, end_s):
+    """The time stamps begin again. Sound with another number of channels is left out, its frames are not."""
+    path = make_video(tmp_path / "drive.ts", 40, sound=codec)
+    other = make_video(tmp_path / "other.ts", 30, sound=codec, layout=layout)
+    path.write_bytes(path.read_bytes() + other.read_bytes())
     info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert (info.frames, info.has_audio) == (70, True)
-    assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(2.8, abs=0.1)
+    assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)
 
 
-@pytest.mark.parametrize("make", [make_video_with_unknown_sound, partial(make_video, sound="pcm_s16le")])
-def test_other_sound_is_left_out(tmp_path, make):
-    path = make(tmp_path / "drive.avi", 10)
+def test_unknown_sound_is_left_out(tmp_path):
+    path = make_video_with_unknown_sound(tmp_path / "drive.avi", 10)
     info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert inspect_video(path).has_audio and (info.frames, info.has_audio) == (10, False)
