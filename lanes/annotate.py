@@ -237,15 +237,14 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
 
 
 def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings: Markings | None) -> LaneTracker:
-    """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` is doubtful."""
+    """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` was estimated."""
 
     def find_pose(image: np.ndarray) -> StillDetection | None:
         with suppress(CameraError):  # the pose sees no road
             return estimate_pose(image, camera, markings=markings).still
         return None
 
-    doubtful = pose is not None and pose.lane_width_m is None
-    return LaneTracker(camera, fps=fps, find_pose=find_pose if doubtful else None, markings=markings)
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:

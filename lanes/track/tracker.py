@@ -79,7 +79,7 @@ class TrackerSettings:
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
     # Shortest time between searches with the network, which see more than those with the band filter. They are made
-    # while the lane is not yet confirmed or lost. The second is for lanes looked for with a camera pose of their own.
+    # while no sure lane is tracked. The second is for lanes looked for with a camera pose of their own.
     network_period_s: float = 0.2
     pose_period_s: float = 0.5
     # Period of searches while tracking. A track is given up after this number of consecutive searches that found
@@ -122,7 +122,7 @@ class LaneTracker:
     speed_mps : float, optional
         Speed of the car; estimated if not given. Assign `tracker.speed_mps` when it changes.
     find_pose : callable, optional
-        Looks for the lane and the camera pose in one image; for a camera whose pose is doubtful or changes. While no
+        Looks for the lane and the camera pose in one image; for a camera whose pose was estimated or changes. While no
         lane is likely it is called twice a second, and the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
     markings : callable, optional, as for `lanes.find_lane`
@@ -260,10 +260,11 @@ class LaneTracker:
         return self._lane
 
     def _look_again(self, image: np.ndarray, mask: Mask | None, found: Lane | None) -> Lane | None:
-        """The lane found by a search, or the more probable one that the network shows while no lane is confirmed."""
+        """The lane found by a search, or the more probable one that the network shows while no sure lane is tracked."""
         certain = found is not None and found.confidence >= NEARLY_CERTAIN_CONFIDENCE
+        sure = self._lane is not None and self._state == TRACKING and self._lane.confidence >= SURE_CONFIDENCE
         due = self._since_network_s >= self.settings.network_period_s
-        if self._state == TRACKING or certain or not due or (mask and not mask.with_own):
+        if certain or sure or not due or (mask and not mask.with_own):
             return found
         self._since_network_s = 0.0
         band = extract_evidence(self._close_view.warp(image), self._close_view, self.settings.detector.paint)

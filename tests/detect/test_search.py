@@ -70,7 +70,8 @@ def test_one_line_missing(k):
     seen, guessed = lane.lines[k], lane.lines[1 - k]
     # one line does not show the pitch, which moves it by centimetres nearby and by decimetres far away
     error_m = np.abs(seen.y(X_M) - painted(X_M))
-    assert (error_m[:3] < 0.1).all() and (error_m < np.minimum(seen.std_m(X_M), 0.3)).all()
+    assert (error_m < seen.std_m(X_M)).all() and lane.confidence < 0.5
+    assert error_m[0] < 0.1
     assert seen.seen and not guessed.seen
     assert guessed.offset_std_m > 0.3 and guessed.reach_m == 0
     assert guessed.describe().endswith("inferred from other lines")
