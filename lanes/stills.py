@@ -100,8 +100,8 @@ def detect_still(
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
-    The band filter finds the stripes. If its lane is not nearly certain, the network finds them, too, and the more
-    probable lane is taken. Stripes of a mask replace or join them.
+    The band filter finds the stripes. If its lane is not nearly certain, the network finds them, too, and its lane is
+    taken if it is clearly more probable, or if the band filter finds none. Stripes of a mask replace or join them.
     """
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)

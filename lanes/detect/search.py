@@ -22,6 +22,9 @@ from lanes.detect.votes import VoteSettings, vote_lanes
 
 # A lane of the band filter with this confidence is not looked for with the network, which takes longer.
 NEARLY_CERTAIN_CONFIDENCE = 0.95
+# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
+# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
+CLEARLY_MORE_LOG_ODDS = 1.0
 # Half width of the network's view: in a wider one it finds more that is no lane (docs/ablation.md).
 CLOSE_HALF_WIDTH_M = 6.5
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
@@ -86,8 +89,10 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
 
 
 def more_probable(band: Lane | None, learned: Lane | None) -> Lane | None:
-    """The more probable one of the lanes that the band filter and the network show."""
-    return max((lane for lane in (band, learned) if lane is not None), key=log_odds, default=None)
+    """The lane that the band filter shows, or that of the network if it is clearly more probable."""
+    if band is None or learned is None:
+        return band or learned
+    return learned if log_odds(learned) > log_odds(band) + CLEARLY_MORE_LOG_ODDS else band
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:
