@@ -17,14 +17,13 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import log_odds
+from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, Mask, find_mask, look_closer
 from lanes.detect.paint import FrameEvidence, extract_evidence
 from lanes.detect.search import (
     CLOSE_HALF_WIDTH_M,
     DETECTOR,
-    NEARLY_CERTAIN_CONFIDENCE,
     DetectorSettings,
     Search,
     more_probable,
@@ -100,14 +99,14 @@ def detect_still(
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
-    The band filter finds the stripes. If its lane is not nearly certain, the network finds them, too, and its lane is
+    The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is
     taken if it is clearly more probable, or if the band filter finds none. Stripes of a mask replace or join them.
     """
     view = _view_of(camera)
     band = extract_evidence(view.warp(image), view, settings.paint)
     mask = find_mask(camera.require_size(image), markings)
     found = _search(mask.evidence(band, band) if mask else band, settings)
-    if found.confidence >= NEARLY_CERTAIN_CONFIDENCE or (mask and not mask.with_own):
+    if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
         return found
     closer = _search_closely(image, mask, _view_of(camera, half_width_m=CLOSE_HALF_WIDTH_M), settings)
     return closer if more_probable(found.lane, closer.lane) is closer.lane else found

@@ -20,8 +20,6 @@ from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, adjacent_lane_matrix, is_ego_lane
 from lanes.detect.votes import VoteSettings, vote_lanes
 
-# A lane of the band filter with this confidence is not looked for with the network, which takes longer.
-NEARLY_CERTAIN_CONFIDENCE = 0.95
 # A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
 # labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
 CLEARLY_MORE_LOG_ODDS = 1.0

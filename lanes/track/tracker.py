@@ -25,7 +25,6 @@ from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
     CLOSE_HALF_WIDTH_M,
-    NEARLY_CERTAIN_CONFIDENCE,
     DetectorSettings,
     Search,
     clear_share,
@@ -261,10 +260,10 @@ class LaneTracker:
 
     def _look_again(self, image: np.ndarray, mask: Mask | None, found: Lane | None) -> Lane | None:
         """The lane found by a search, or the more probable one that the network shows while no sure lane is tracked."""
-        certain = found is not None and found.confidence >= NEARLY_CERTAIN_CONFIDENCE
-        sure = self._lane is not None and self._state == TRACKING and self._lane.confidence >= SURE_CONFIDENCE
+        known = self._lane if self._state == TRACKING else None
+        sure = any(lane is not None and lane.confidence >= SURE_CONFIDENCE for lane in (found, known))
         due = self._since_network_s >= self.settings.network_period_s
-        if certain or sure or not due or (mask and not mask.with_own):
+        if sure or not due or (mask and not mask.with_own):
             return found
         self._since_network_s = 0.0
         band = extract_evidence(self._close_view.warp(image), self._close_view, self.settings.detector.paint)
