@@ -1,9 +1,6 @@
-"""The commands of `python -m lanes`, where installed also `lanes`.
+"""The commands of `python -m lanes`, where installed also `lanes`: a class each, whose docstring is its help.
 
-They are calibrate, pose, annotate, detect, explain, label and score.
-
-Each command is a class whose docstring is its help. Plots and Dask are imported when a command needs them, so that help
-and wrong usage are answered at once.
+Plots and Dask are imported when a command needs them, so that help and wrong usage are answered at once.
 """
 
 from __future__ import annotations
@@ -51,9 +48,7 @@ class Calibrate:
     """
 
     SUMMARY = "calibrate the lens from pictures of a chessboard"
-    EXAMPLES = """\
-  {program} my_boards -o lens.yaml
-  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"""
+    EXAMPLES = "  {program} my_boards -o lens.yaml\n  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -333,9 +328,7 @@ class Score:
     """
 
     SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
-    EXAMPLES = """\
-  {program} labels.jsonl lanes.jsonl
-  {program} --camera camera.yaml stills/labels.jsonl predictions.json -o score.html"""
+    EXAMPLES = "  {program} labels.jsonl lanes.jsonl\n  {program} --camera camera.yaml labels.jsonl lanes.jsonl"
 
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -356,11 +349,11 @@ class Score:
         assumed = camera.size if camera else TUSIMPLE_SIZE
         sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
         scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
+        missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
+        gone = [picture for picture in pictures if not picture.is_file()]
         tables, notes = score_tables(scores), ""
-        if missing := [picture for picture, some in zip(pictures, predictions, strict=True) if not some]:
-            notes += f"note: {len(missing)} of {len(labels)} stills have no prediction: {_list_names(missing)}\n"
-        if gone := [picture for picture in pictures if not picture.is_file()]:
-            notes += f"note: {len(gone)} of {len(labels)} pictures are missing, sizes assumed: {_list_names(gone)}\n"
+        for words, some in (("stills have no prediction", missing), ("pictures are missing, sizes assumed", gone)):
+            notes += f"note: {len(some)} of {len(labels)} {words}: {_list_names(some)}\n" if some else ""
         for title, table in tables.items():
             print(f"{title}:\n{format_table(*number_cells(table))}\n")
         words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}
