@@ -352,8 +352,8 @@ class Score:
         missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
         gone = [picture for picture in pictures if not picture.is_file()]
         tables, notes = score_tables(scores), ""
-        for words, some in (("stills have no prediction", missing), ("pictures are missing, sizes assumed", gone)):
-            notes += f"note: {len(some)} of {len(labels)} {words}: {_list_names(some)}\n" if some else ""
+        for what, some in (("stills have no prediction", missing), ("pictures are missing, sizes assumed", gone)):
+            notes += f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n" if some else ""
         for title, table in tables.items():
             print(f"{title}:\n{format_table(*number_cells(table))}\n")
         words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}
