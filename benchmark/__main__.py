@@ -122,11 +122,10 @@ def _score_labelled(options: argparse.Namespace) -> None:
     from lanes.labels import read_labels
 
     labels, systems, scored = read_labels(options.labels), options.system or STILL_SYSTEMS, []
-    markings = options.markings and load_markings(options.markings)
     for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
         some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
-        lens = find_lens(options)
+        lens, markings = find_lens(options)
         folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=markings)
         scored.append(folder)
         checks = stills.summarize_checks(folder.checks)

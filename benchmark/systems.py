@@ -78,14 +78,11 @@ def start_system(
     return lambda image, _=None: finder.follow(image), recipe_estimate
 
 
-def column_detector(
-    system: str, camera: Camera, *, markings: Markings | None = None
-) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """A system that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
-    picture, -2 where a line does not pass, as in TuSimple's files. `markings` are those of tracker and detector. Raises
-    ValueError if the system is unknown.
+    picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
     """
     if is_own_finder(system):
         find = load_finder(system)
@@ -94,7 +91,7 @@ def column_detector(
     if system in (TRACKER, DETECTOR):
 
         def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            lane = find_lane(image, camera, markings=markings)
+            lane = find_lane(image, camera)
             return np.full((2, len(rows)), -2.0) if lane is None else lane.columns(camera, rows)
 
         return detect

@@ -294,7 +294,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
 def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
     """The settings and versions that a drive was annotated with, as texts by name, for the report."""
     if settings.camera is None:
-        lens = f"{settings.field_of(video).words}"
+        lens = settings.field_of(video).words
     elif camera.report is None:
         lens = "from the camera file"
     else:

@@ -21,7 +21,7 @@ from lanes.calibration import calibrate, calibrate_detections, describe_calibrat
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.describe import format_table, number_cells
-from lanes.detect.markings import load_markings
+from lanes.detect.markings import Markings, load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import CameraError, LaneError
@@ -103,9 +103,10 @@ class Pose:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         require_no_input_among([options.output], options.files)
+        lens, markings = find_lens(options)
         estimate = estimate_pose(
             options.files,
-            find_lens(options),
+            lens,
             lane_width_m=options.lane_width,
             height_m=options.height,
             max_pictures=options.pictures,
@@ -113,7 +114,7 @@ class Pose:
             end_s=options.end_s,
             topic=options.topic,
             progress=progress_line("pose"),
-            markings=options.markings and load_markings(options.markings),
+            markings=markings,
         )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -269,9 +270,9 @@ class Explain:
         if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
             words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
             raise ValueError(f"{file}: {words}, or none for a picture.")
-        markings = options.markings and load_markings(options.markings)
+        lens, markings = find_lens(options)
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic, "markings": markings}
-        camera, estimate = ensure_pose(find_lens(options), options.files, progress=progress_line("pose"), **part)
+        camera, estimate = ensure_pose(lens, options.files, progress=progress_line("pose"), **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
@@ -427,11 +428,11 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
 
 
-def find_lens(options: argparse.Namespace) -> Camera:
-    """The camera according to the options of `add_lens`, for images of the size of the first file."""
+def find_lens(options: argparse.Namespace) -> tuple[Camera, Markings | None]:
+    """Camera, for images of the size of the first file, and markings according to the options of `add_lens`."""
     sources = find_sources(map(str, options.files))
     settings, image = read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
-    return settings.camera_for(image.shape[1::-1], sources.files[0])
+    return settings.camera_for(image.shape[1::-1], sources.files[0]), settings.markings
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:

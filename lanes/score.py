@@ -119,9 +119,7 @@ def summarize(scores: Sequence[PictureScore], names: Sequence[str] = SHARES) -> 
 
 def reliability(scores: Iterable[PictureScore]) -> Table:
     """For each range of stated confidence the number of lanes, of right ones, and their share of all right ones."""
-    lanes = [
-        s for s in scores if s.prediction.confidence is not None and s.right is not None and not s.prediction.empty
-    ]
+    lanes = [s for s in scores if None not in (s.prediction.confidence, s.right) and not s.prediction.empty]
     stated = np.array([s.prediction.confidence for s in lanes], float)
     right = np.array([s.right and not s.label.empty for s in lanes], bool)
     levels = np.searchsorted([LIKELY_CONFIDENCE, SURE_CONFIDENCE], stated, side="right")
@@ -143,7 +141,7 @@ def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
     if any(score.prediction.confidence is not None for score in scores):
         tables["confidence"] = reliability(scores)
     rows = {score.label.name: summarize([score]) for score in scores}
-    # without a labelled lane there is no accuracy; last are pictures in which nothing can be compared
+    # a picture without a labelled lane has no accuracy; those with nothing to compare come last
     key = {name: (row["right"], np.nan_to_num(row["ego accuracy"], nan=row["right"])) for name, row in rows.items()}
     worst = sorted(rows, key=lambda name: np.nan_to_num(key[name], nan=2.0).tolist())
     return tables | {"worst stills": {name: rows[name] for name in worst[:MAX_WORST]}}
