@@ -21,9 +21,7 @@ import numpy as np
 
 from benchmark.machine import describe_load, describe_machine
 from benchmark.systems import TRACKER
-from classic.finder import LaneFinder
-from classic.overlay import follow_lane
-from classic.recipe import RECIPES, get_recipe
+from helpers import RECIPES, LaneFinder, follow_lane, get_recipe
 from lanes.camera import Camera, load_camera
 from lanes.describe import format_table
 from lanes.draw import track_lane

@@ -1,7 +1,7 @@
 """All lane finders behind one interface: the three recipes, each in two variants, the tracker, and its detector.
 
 The source points of a recipe's homography are the published ones, or those of a rectangle on the road from the camera
-pose ("hls_sobel_pose" and so on; see `classic.recipe.recipe_from_pose`).
+pose ("hls_sobel_pose" and so on; see `helpers.recipe_from_pose`).
 
 `start_system` runs a system on the frames of a drive, with its memory: `LaneFinder.follow` or `LaneTracker.update`. The
 detector has none: it is what the tracker does in a single picture.
@@ -16,11 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-import classic
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
-from classic.finder import LaneFinder, LaneResult
-from classic.recipe import POSE_SUFFIX, RECIPES, get_recipe, recipe_from_pose
+from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
@@ -36,7 +34,8 @@ SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Files and folders that the estimates of a system depend on.
 _CAMERA, _STILLS = Path(inspect.getfile(camera)), Path(inspect.getfile(stills))
-_CLASSIC, _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (classic, detect, track))
+_HELPERS = Path(inspect.getfile(LaneFinder))
+_DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, track))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
@@ -45,7 +44,7 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, finder_file(system)
-    return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _CLASSIC)
+    return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _HELPERS)
 
 
 def start_system(

@@ -8,7 +8,6 @@ links to the glossary point to the term. Everything is written below book/_build
 
 from __future__ import annotations
 
-import ast
 import json
 import pkgutil
 import re
@@ -37,7 +36,7 @@ DEVELOPMENT = ("CONTRIBUTING", "CHANGELOG", "docs/release")
 PAGES = {
     "README.md": "index.md",
     "project.ipynb": "course.ipynb",
-    "helpers.py": "api/helpers.md",
+    "helpers.py": "api/helpers.rst",
     "lanes": "api/index.md",
     "simulator": "",
     ".pre-commit-config.yaml": "",
@@ -180,18 +179,6 @@ def first_line(name: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-def helper_groups() -> dict[str, list[tuple[str, str]]]:
-    """For each group of helpers.py: its comment, and (module, name) of the names."""
-    text = (ROOT / "helpers.py").read_text(encoding="utf-8")
-    titles = {number: line[2:] for number, line in enumerate(text.splitlines(), 1) if line.startswith("# ")}
-    groups: dict[str, list[tuple[str, str]]] = {title: [] for title in titles.values()}
-    for node in ast.parse(text).body:
-        if isinstance(node, ast.ImportFrom):
-            title = titles[max(number for number in titles if number < node.lineno)]
-            groups[title] += [(node.module, alias.name) for alias in node.names]
-    return groups
-
-
 def table_of_names(names: Iterable[tuple[str, str]]) -> list[str]:
     """Lines of a table of (module, name), each name with a link to its documentation."""
     lines = ["| name | content |", "|---|---|"]
@@ -200,19 +187,6 @@ def table_of_names(names: Iterable[tuple[str, str]]) -> list[str]:
         home = getattr(found, "__module__", module) if callable(found) else module
         lines.append(f"| {{py:obj}}`{name} <{home}.{name}>` | {first_line(f'{module}:{name}')} |")
     return [*lines, ""]
-
-
-def write_helpers() -> None:
-    """The names of helpers.py by chapter, with links to their modules."""
-    lines = ["# helpers: the names of the course", "", "`import helpers` gives these names, by chapter.", ""]
-    others = set()
-    for title, names in helper_groups().items():
-        number, _, rest = title.partition(" ")
-        lines += [f"## {f'Chapter {number}: {rest}' if number.isdigit() else title}", "", *table_of_names(names)]
-        others |= {module for module, _ in names if module.partition(".")[0] != "lanes"}
-    for module in others:
-        write_module(module)
-    write(SOURCE / "api" / "helpers.md", "\n".join(lines) + toctree(sorted(others)))
 
 
 def write_module(name: str) -> None:
@@ -247,11 +221,12 @@ def write_api() -> None:
     text = [
         "# API reference",
         "",
-        "[helpers](helpers.md) has the names of the course. [lanes](lanes.md) is what `pip install .` installs.",
+        "[helpers](helpers.rst) is the classic pipeline of the course.",
+        "[lanes](lanes.md) is what `pip install .` installs.",
     ]
     write(SOURCE / "api" / "index.md", "\n".join(text) + "\n" + toctree(["helpers", "lanes"]))
     write_package("lanes", list(lanes.__path__))
-    write_helpers()
+    write_module("helpers")
 
 
 def lay_out() -> None:

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from classic.warp import FourPointWarp
+from helpers import FourPointWarp
 from lanes.camera import Camera
 
 # The range that a driver needs: from the bonnet to about a second ahead on a motorway.

@@ -7,11 +7,13 @@ compute nor show.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from benchmark.reporting.figures import TRUTH_LOOK
+from helpers import FourPointWarp, birdseye_to_road
+from lanes.camera import Camera
 from lanes.canvas import WINDOW_COLOUR
 from lanes.figures import draw_on_road_grid, new_figure, rgb
 
@@ -21,6 +23,27 @@ if TYPE_CHECKING:
 
 # Above the axes, where a legend hides no curve.
 LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
+
+
+class RoadAxes(NamedTuple):
+    """Distance ahead (height,) of each row and lateral position (width,) of each column of a view, metres."""
+
+    x_m: np.ndarray
+    y_m: np.ndarray
+
+
+def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
+    """Axes in metres of the view of a four-point warp, for `show_birdseye`.
+
+    They are exact if the four points are a rectangle on the road, parallel to the car's axis. Otherwise they hold for
+    the centre column and the bottom row. Raises CameraError if the camera has no pose.
+    """
+    width, height = warp.size
+    rows, columns = np.arange(height), np.arange(width)
+    centre_column = np.column_stack([np.full(height, (width - 1) / 2), rows])
+    bottom_row = np.column_stack([columns, np.full(width, height - 1)])
+    x_m, y_m = (birdseye_to_road(points, warp, camera) for points in (centre_column, bottom_row))
+    return RoadAxes(x_m[:, 0], y_m[:, 1])
 
 
 class RoadGrid(Protocol):

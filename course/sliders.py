@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from classic.overlay import to_rgb
+from lanes.images import to_rgb
 
 if TYPE_CHECKING:
     from ipywidgets import VBox
@@ -31,7 +31,7 @@ def tune_threshold(
     image : ndarray of shape (height, width, 3), uint8
         RGB.
     make : callable
-        Called as make(image, name=value, ...); returns a mask or an image. An example is `saturation_mask`.
+        Called as make(image, name=value, ...); returns a mask or an image.
     **sliders : (minimum, maximum, start)
         One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
 
@@ -42,7 +42,8 @@ def tune_threshold(
 
     Examples
     --------
-    >>> tune_threshold(image, saturation_mask, saturation=(0, 255, (120, 255)))  # doctest: +SKIP
+    >>> bright_red = lambda image, red: cv2.inRange(image[..., 0].copy(), *red)
+    >>> tune_threshold(image, bright_red, red=(0, 255, (210, 255)))  # doctest: +SKIP
     """
     try:
         import ipywidgets

@@ -61,6 +61,16 @@ def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
     return np.ascontiguousarray(image)
 
 
+def to_rgb(image: np.ndarray) -> np.ndarray:
+    """A new RGB image from RGB, gray (height, width) uint8, or a mask of bool or of 0 and 1."""
+    image = np.asarray(image)
+    if image.ndim == 2:
+        if image.dtype == bool or (image.size and image.max() <= 1):
+            image = (image > 0).astype(np.uint8) * 255
+        image = np.repeat(image[:, :, None], 3, axis=2)
+    return require_rgb(image).copy()
+
+
 def kind_of_file(path: str | Path) -> Literal["picture", "video"] | None:
     """What a file is by the end of its name; None if that says neither."""
     if re.search(PICTURE_NAMES, str(path), re.IGNORECASE):

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from classic.overlay import to_rgb
 from lanes.canvas import blend_polygon, draw_polyline, put_text
+from lanes.images import to_rgb
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
 WHITE = (255, 255, 255)

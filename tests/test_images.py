@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from classic import threshold
-from classic.overlay import draw_lane_between
+from helpers import RECIPES, colour_channel, draw_lane_between
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
@@ -151,11 +150,11 @@ TAKE_IMAGES = {
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
     "LaneTracker and draw_lane": tracked,
     "explain": lambda image, _: explain(image, SMALL).image,
-    "to_gray": lambda image, _: threshold.to_gray(image),
-    "channels": lambda image, _: np.array(threshold.split_channels(image, "HLS")),
-    "recipe A": lambda image, _: threshold.HlsSobelThresholds().masks(image)["combined"],
-    "recipe B": lambda image, _: threshold.EqualizedHsvThresholds().masks(image)["combined"],
-    "recipe C": lambda image, _: threshold.BestChannelThresholds().masks(image)["combined"],
+    "gray": lambda image, _: colour_channel(image, "gray"),
+    "channel": lambda image, _: colour_channel(image, "HLS S"),
+    "recipe A": lambda image, _: RECIPES["hls_sobel"].thresholds.masks(image)["combined"],
+    "recipe B": lambda image, _: RECIPES["equalized_hsv"].thresholds.masks(image)["combined"],
+    "recipe C": lambda image, _: RECIPES["best_channel"].thresholds.masks(image)["combined"],
 }
 AS_PEOPLE_HAVE_THEM = {
     "read-only": np.copy,

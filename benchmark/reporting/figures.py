@@ -11,7 +11,7 @@ import numpy as np
 from benchmark.reporting.reliability import AvailableLanes, Reliability
 from benchmark.scores import Result, Row
 from benchmark.systems import TRACKER
-from classic.recipe import POSE_SUFFIX
+from helpers import POSE_SUFFIX
 from lanes.figures import new_figure, save_figure
 
 if TYPE_CHECKING:

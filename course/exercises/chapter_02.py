@@ -4,16 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 
 from course.exercises.verdict import Verdict, correct, hint
 
 
-def check_board_errors(errors_px: Sequence[float], *, rms_px: float, boards: int, corners: int) -> Verdict:
-    """2.1: the RMS reprojection error of each board, pixels.
+def check_board_errors(
+    errors_px: Sequence[float],
+    *,
+    rotations: Sequence[np.ndarray],
+    translations: Sequence[np.ndarray],
+    seen: Sequence[np.ndarray],
+    board: np.ndarray,
+    matrix: np.ndarray,
+    distortion: np.ndarray,
+) -> Verdict:
+    """2.1: the RMS reprojection error of each board, pixels, with the results of `cv2.calibrateCamera`.
 
-    All boards have the same number of corners, so the RMS of the answer is that of the calibration, `rms_px`.
+    `board` (N, 3) are the corners on the board, `seen` those in each picture.
     """
+    true_px = []
+    for rotation, translation, corners_px in zip(rotations, translations, seen, strict=True):
+        projected, _ = cv2.projectPoints(board, rotation, translation, matrix, distortion)
+        off_px = np.linalg.norm(projected.reshape(-1, 2) - corners_px.reshape(-1, 2), axis=1)
+        true_px.append(float(np.sqrt((off_px**2).mean())))
+    boards, corners, rms_px = len(seen), len(board), float(np.sqrt(np.square(true_px).mean()))
     errors = np.asarray(errors_px, float)
     if errors.shape != (boards,):
         return hint(f"{boards} numbers are needed, one for each board; yours has the shape {errors.shape}.")
@@ -22,7 +38,7 @@ def check_board_errors(errors_px: Sequence[float], *, rms_px: float, boards: int
         return hint(
             "all boards have the same error. Each board has its own; the RMS of the calibration is over all boards."
         )
-    if abs(got / rms_px - 1) < 1e-3:
+    if np.abs(errors / true_px - 1).max() < 1e-3:
         return correct(
             f"the boards have {errors.min():.2f} to {errors.max():.2f} px (median {np.median(errors):.2f} px)."
         )
@@ -39,6 +55,12 @@ def check_board_errors(errors_px: Sequence[float], *, rms_px: float, boards: int
         return hint(
             f"{got:.0f} px is too large. cv2.projectPoints returns ({corners}, 1, 2), the corners are ({corners}, 2); "
             "reshape before you subtract. Pass rotation and translation in this order."
+        )
+    worst = int(np.abs(errors - true_px).argmax())
+    if abs(got / rms_px - 1) < 1e-3:
+        return hint(
+            f"together your errors are right, but board {worst + 1} has {true_px[worst]:.3f} px, not "
+            f"{errors[worst]:.3f} px. Is the order that of image_points?"
         )
     return hint(
         f"together your errors give {got:.3f} px, the calibration {rms_px:.3f} px. RMS is the root of the mean of the "

@@ -6,14 +6,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from classic.warp import FourPointWarp, metres_per_pixel
 from course.exercises.verdict import Checks, Verdict, correct, hint
 from course.measures import lane_widths_px
+from helpers import FourPointWarp, metres_per_pixel
 from lanes.camera import Camera
 
 # Distances at which exercise 4.1 measures the lane, metres, and the largest error.
 MEASURED_AT_M = (7.0, 15.0, 30.0)
 WIDTH_TOLERANCE_M = 0.05
+# Fewest rows of the image that the quadrangle must span: those from 7 to 30 m ahead are more than 100.
+LEAST_ROWS = 100
 # Two points of the road, the second one farther ahead, metres.
 AHEAD_M = np.array([[10.0, 0.0], [20.0, 0.0]])
 
@@ -33,6 +35,11 @@ def check_four_points(
         return hint(f"four points (column, row) are needed, an array (4, 2); yours has the shape {points.shape}.")
     if (points[:, 1] >= camera.height).any():
         return hint("a point lies below the image. Is the order (column, row)?")
+    if np.ptp(points[:, 1]) < LEAST_ROWS:
+        return hint(
+            f"your quadrangle has only {np.ptp(points[:, 1]):.0f} rows of the image, so the view shows a strip of the "
+            "road. Choose a far and a near edge."
+        )
     try:
         warp = FourPointWarp(points, destination_px, camera.size)
     except ValueError:

@@ -6,10 +6,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from classic.search import find_peaks, lane_histogram, sliding_windows
-from classic.warp import FourPointWarp, metres_per_pixel
 from course.exercises.drawings import draw_caught
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
+from helpers import FourPointWarp, find_peaks, lane_histogram, metres_per_pixel, sliding_windows
 from lanes.camera import Camera
 
 LaneWidth = Callable[[np.ndarray], "float | None"]
@@ -64,6 +63,8 @@ def _width_problem(width_m: float, histogram: np.ndarray, across_m: float) -> st
     middle, columns = len(histogram) // 2, float(right - left)
     if abs(width_m - columns) < 1:
         return "This is the distance in columns. Multiply by the metres per column of chapter 4."
+    if abs(width_m + columns * across_m) <= 0.02:
+        return "The sign is wrong: columns grow to the right, so take right minus left."
     if abs(width_m - columns * 3.7 / 700) < 0.01:
         return "You used 3.7 m / 700 columns, which belongs to another warp (chapter 4)."
     of_left = np.flatnonzero(histogram[:middle] == histogram[left])
@@ -86,7 +87,7 @@ def check_coasting(climb: Climb) -> Verdict:
         if caught is None:
             return hint("the function returns the set pixels of the line, an array (N, 2) of (column, row).")
         share = np.count_nonzero(caught & line) / np.count_nonzero(line)
-        straight_up = len(sliding_windows(binary).left_pixels) / np.count_nonzero(line)
+        straight_up = len(sliding_windows(binary).pixels[0]) / np.count_nonzero(line)
         reached = f"{share:.0%} of the pixels of a dashed line that leans {lean} (straight up: {straight_up:.0%})"
         panel = {f"Leans {lean}: {share:.0%} caught": (line, binary > 0, caught)}
         if (caught & ~line).any() or share < LEAST_CAUGHT:

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from classic.fit import ransac_line
 from course.exercises.verdict import Checks, Verdict, correct, hint
+from helpers import ransac_line
 
 # 7.1: outliers of the streaked line, required probability of a sample without outliers, and limit on the trials.
 OUTLIER_SHARE, REQUIRED_PROBABILITY, MAX_TRIALS = 0.4, 0.999, 40

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
+from course.exercises.drawings import draw_bar
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from course.plots import plot_series
 from lanes.camera import Camera
@@ -21,8 +22,11 @@ Line = Sequence[float] | np.ndarray
 IsPlausible = Callable[[Line, Line], object]
 
 
-def check_bar(bar_px: np.ndarray, *, left: Line, right: Line, camera: Camera) -> Verdict:
-    """8.1: raw pixels (2, 2) of the ends of a bar across the lane; lines are (c2 / 2, c1, c0) in metres."""
+def check_bar(bar_px: np.ndarray, *, left: Line, right: Line, camera: Camera, image: np.ndarray) -> Verdict:
+    """8.1: raw pixels (2, 2) of the ends of a bar across the lane; lines are (c2 / 2, c1, c0) in metres.
+
+    The bar is drawn on `image`.
+    """
     if np.shape(bar_px) != (2, 2):
         return hint(f"give two points (column, row), an array of shape (2, 2); yours has shape {np.shape(bar_px)}.")
     ends_m = np.array([(BAR_AT_M, np.polyval(line, BAR_AT_M)) for line in (left, right)])
@@ -37,13 +41,18 @@ def check_bar(bar_px: np.ndarray, *, left: Line, right: Line, camera: Camera) ->
         "left and right are exchanged. y is positive to the left.": true_px[::-1],
         "the sign of y is wrong: it is positive to the left of the car.": camera.road_to_pixels(ends_m * [1, -1]),
     }
+    draw_bar(image, np.asarray(bar_px, float), true_px)
     if not off_px(true_px) <= TOLERANCE_PX:
         for sentence, wrong_px in mistakes.items():
             if off_px(wrong_px) <= TOLERANCE_PX:
                 return hint(sentence)
-        return hint(
-            f"an end is {off_px(true_px):.0f} px off. The way: metres, view, undistorted image, through the lens."
+        ends_off_px = np.linalg.norm(np.asarray(bar_px, float) - true_px, axis=1)
+        which = " and ".join(
+            f"the {side} end is {end:.0f} px off"
+            for side, end in zip(("left", "right"), ends_off_px, strict=True)
+            if end > TOLERANCE_PX
         )
+        return hint(f"{which}. The way: metres, view, undistorted image, through the lens.")
     return correct(f"both ends are within {max(off_px(true_px), 0.1):.1f} px.")
 
 

@@ -49,6 +49,9 @@ def check_known_width(fit: KnownWidthFit) -> Verdict:
             f"in a lane {OTHER_WIDTH_M} m wide beside the car it is wrong. Use width_m and left, not {WIDTH_M} m and "
             "the sign of y."
         )
+    mixed = _fit_both(fit)
+    if np.shape(mixed) != (3,) or not (np.abs(mixed - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M]) <= TOLERANCES).all():
+        return hint("with candidates of both lines it is wrong: each of them counts, with its own half width.")
     return correct(f"with one line the centre is off by {100 * np.abs(off[:, 0]).max():.1f} cm at most.")
 
 
@@ -58,6 +61,15 @@ def _fit_line(fit: KnownWidthFit, side: int, centre_m: float, width_m: float) ->
     noise_m = np.random.default_rng(11).normal(0, 0.02, len(x_m))
     y_m = centre_m + side * width_m / 2 + HEADING_RAD * x_m + CURVATURE_PER_M * x_m**2 / 2 + noise_m
     return fit(x_m, y_m, np.full(len(x_m), side > 0), width_m)
+
+
+def _fit_both(fit: KnownWidthFit) -> np.ndarray:
+    """The answer for candidates of both lines; those of the left one are 0.5 m off, few, and cannot decide alone."""
+    x_m = np.geomspace(5.0, 30.0, 400)
+    left = np.arange(len(x_m)) % 100 == 0
+    off_m = np.where(left, 0.5, 0.0)
+    y_m = CENTRE_M + np.where(left, 1, -1) * WIDTH_M / 2 + HEADING_RAD * x_m + CURVATURE_PER_M * x_m**2 / 2 + off_m
+    return np.asarray(fit(x_m, y_m, left, WIDTH_M), float)
 
 
 CHECKS = {"11.1": check_known_width}

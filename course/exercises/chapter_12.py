@@ -1,4 +1,4 @@
-"""Exercise of chapter 12, track with a Kalman filter."""
+"""Exercises of chapter 12, track with a Kalman filter."""
 
 from __future__ import annotations
 
@@ -9,18 +9,20 @@ import numpy as np
 
 from course.exercises.drawings import draw_filtered_drive
 from course.exercises.gated_drive import filter_drive
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 
 Correct = Callable[..., tuple[np.ndarray, np.ndarray]]
 # 99 % of the right measurements of three quantities have a smaller squared Mahalanobis distance (chi-squared).
 GATE = 11.34
+# 12.1: the mean squared distance of three quantities is 3 if all covariances are right.
+MEAN_DISTANCE = (2.8, 3.2)
 # A state of offset, heading and curvature, and a measurement of the offset and the heading alone.
 STATE, P = np.array([0.2, 0.01, 0.001]), np.array([[4e-4, 2e-5, 0], [2e-5, 1e-5, 1e-7], [0, 1e-7, 4e-8]])
 H, R = np.eye(3)[:2], np.array([[9e-4, 1e-5], [1e-5, 4e-6]])
 
 
 def check_gate(correct_state: Correct) -> Verdict:
-    """12.1: the correct step with a gate."""
+    """12.2: the correct step with a gate."""
     verdict = _check_step(correct_state)
     if verdict is not NOT_TRIED and (drive := filter_drive(correct_state)):
         draw_filtered_drive(drive)
@@ -99,4 +101,21 @@ def _distance(z: np.ndarray) -> float:
     return float(innovation @ np.linalg.solve(H @ P @ H.T + R, innovation))
 
 
-CHECKS = {"12.1": check_gate}
+def check_noise(factor: float, *, try_noise: Callable[[float], tuple[float, float]]) -> Verdict:
+    """12.1: a factor on Q with which the mean squared distance of the innovations of three numbers is about 3.
+
+    `try_noise` gives this mean, and the RMS error of the offset in cm, for a factor.
+    """
+    if np.ndim(factor) or not np.isfinite(factor) or factor <= 0:
+        return hint("give one positive number, the factor on Q.")
+    distance, error_cm = try_noise(float(factor))
+    reached = f"with {factor:g} Q the mean d^2 is {distance:.2f}"
+    if distance > MEAN_DISTANCE[1]:
+        return hint(f"{reached}: the filter is too sure. A larger Q makes it less sure.")
+    if distance < MEAN_DISTANCE[0]:
+        return hint(f"{reached}: the filter is too unsure. A smaller Q makes it surer.")
+    error = "" if np.isnan(error_cm) else f", and the RMS error of the offset {error_cm:.1f} cm"
+    return correct(f"{reached}{error}.")
+
+
+CHECKS: Checks = {"12.1": check_noise, "12.2": check_gate}

@@ -20,6 +20,8 @@ HAIRPINS = "harder-challenge"
 
 def check_honest_finder(find: OwnFinder) -> Verdict:
     """15.1: a finder that is right on good roads, and returns None in hairpins instead of a wrong lane."""
+    if used := {"find_lane", "LaneTracker", "track"} & set(find.__code__.co_names):
+        return hint(f"{min(used)} is the engine. Build your finder from your own parts: joint_finder and your mask.")
     if all(_first_lines(find, PROJECT_ROOT / "test_videos" / file) is None for file in COMMITTED.values()):
         return NOT_TRIED
     rows = {row["scene"]: row for row in score_finder(find)}

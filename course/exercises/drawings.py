@@ -44,6 +44,14 @@ def draw_caught(panels: Mapping[str, tuple[np.ndarray, ...]]) -> None:
     figure.suptitle("Green: caught. Red: missed. Orange: caught from the other line (gray).", fontsize=11)
 
 
+def draw_bar(image: np.ndarray, bar_px: np.ndarray, true_px: np.ndarray) -> None:
+    """8.1: a bar (2, 2) on a raw image, and the true one."""
+    picture = image.copy()
+    draw_polyline(picture, true_px, RIGHT, 9)
+    draw_polyline(picture, np.clip(bar_px, -1e4, 1e4), WRONG, 4)
+    show_pictures([picture], ["Your bar: red. True bar: green."], columns=1, width_in=9.0)
+
+
 @dataclass(frozen=True, eq=False)
 class FilteredDrive:
     """A drive of N frames: true, measured and filtered offset, its standard deviation, and what was accepted."""
@@ -57,7 +65,7 @@ class FilteredDrive:
 
 
 def draw_filtered_drive(drive: FilteredDrive) -> None:
-    """12.1: the offset over time, all of it and enlarged."""
+    """12.2: the offset over time, all of it and enlarged."""
     figure, axes = new_figure(2, 1, (12, 6), sharex=True)
     # a filter that diverges leaves the axes, whose limits are fixed
     offset_m, band_m = np.clip(drive.offset_m, -99, 99), np.minimum(2 * drive.std_m, 99)

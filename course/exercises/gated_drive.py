@@ -1,4 +1,4 @@
-"""The drive on which exercise 12.1 tries a correct step: some of its measurements are of the neighbouring lane."""
+"""The drive on which exercise 12.2 tries a correct step: some of its measurements are of the neighbouring lane."""
 
 from __future__ import annotations
 

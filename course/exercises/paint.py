@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from classic.search import binary_pixels
-from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel
 from course.measures import FAR_M, NEAR_M, marking_precision, marking_recall
+from helpers import FourPointWarp, binary_pixels, birdseye_to_road, metres_per_pixel
 from lanes.camera import Camera
 
 MakeMask = Callable[[np.ndarray], "np.ndarray | None"]

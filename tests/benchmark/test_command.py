@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+import helpers
 from benchmark import estimates, evaluation, own_finder, runner, systems
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
@@ -17,7 +18,6 @@ from benchmark.reporting.tables import read_scores
 from benchmark.runner import cached_estimates, run_benchmark
 from benchmark.scored_drive import CUSTOM, BenchmarkDrive, choose_drives, ensure_video, list_drives
 from benchmark.systems import SYSTEMS
-from classic import finder
 from lanes import camera, images
 from lanes.detect import birdseye
 from lanes.images import read_image
@@ -126,7 +126,7 @@ class TestRunner:
 
     @pytest.mark.parametrize(
         ("system", "source"),
-        [("tracker", birdseye), ("hls_sobel", finder), (f"{own_finder.__file__}:load_finder", camera)],
+        [("tracker", birdseye), ("hls_sobel", helpers), (f"{own_finder.__file__}:load_finder", camera)],
         ids=["tracker", "recipe", "own finder"],
     )
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):

@@ -7,7 +7,7 @@ import pytest
 
 from benchmark import speed
 from benchmark.speed import COLD, TRACKING, TRANSCODED, WARM_UP, FileTime, FrameTime, Speed, time_files, time_frames
-from classic.recipe import RECIPES
+from helpers import RECIPES
 from lanes.video.reader import inspect_video, read_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, SMALL

@@ -15,7 +15,7 @@ from benchmark.evaluation import score_video
 from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
 from benchmark.systems import SYSTEMS, column_detector, recipe_estimate, source_files, start_system
-from classic.fit import RoadLine
+from helpers import RoadLine
 from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
 from lanes.files import read_telemetry

@@ -7,13 +7,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from classic.warp import FourPointWarp, metres_per_pixel
 from course.exercises import chapter_06, check, occlusion
 from course.exercises.chapter_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
 from course.exercises.paint import explain_missing, explain_wrong, rate_paint
 from course.exercises.verdict import NOT_TRIED, correct, hint
+from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
 CORNERS_M, CORNERS_PX = [[35, 2.2], [35, -2.2], [5, -2.2], [5, 2.2]], [[200, 0], [1080, 0], [1080, 719], [200, 719]]

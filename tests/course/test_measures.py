@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from classic.fit import RoadLine
-from classic.warp import FourPointWarp
 from course.measures import (
     check,
     check_error,
@@ -16,6 +14,7 @@ from course.measures import (
     marking_recall,
     worst_lateral_error_m,
 )
+from helpers import FourPointWarp, RoadLine
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 

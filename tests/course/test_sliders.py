@@ -8,11 +8,17 @@ import cv2
 import numpy as np
 import pytest
 
-from classic.threshold import saturation_mask
 from course.sliders import tune_threshold
+from helpers import colour_channel
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 PICTURE = Road(dashcam()).line(lambda x: 1.7 + 0 * x, colour=YELLOW).image()
+
+
+def saturation_mask(image, saturation, lightness=(0, 255)):
+    """Pixels whose saturation and lightness (HLS) are in two ranges."""
+    ranges = {"HLS S": saturation, "HLS L": lightness}
+    return np.bitwise_and.reduce([cv2.inRange(colour_channel(image, name), *ends) for name, ends in ranges.items()])
 
 
 def right_half(box) -> np.ndarray:

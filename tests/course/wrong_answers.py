@@ -13,6 +13,13 @@ WRONG_ANSWERS["1.1"] = [
         "Swap the first two arguments",
     ),
     ("best_ruler_px = abs(ruler_miss).max()", "Fit all rows"),
+    (_ERRORS + "best_ruler_px = round(abs(errors).max())", "is rounded"),
+    (_ERRORS + "best_ruler_px = np.ptp(errors) / 2", "Fit all rows"),
+    (
+        "shifts = [np.ptp(paint_columns - slope * paint_rows) / 2 for slope in np.linspace(-2.5, 0, 5000)]\n"
+        "best_ruler_px = min(shifts)",
+        "smallest largest distance",
+    ),
 ]
 
 _EACH_BOARD = """board_errors_px = []
@@ -24,6 +31,11 @@ for rotation, translation, seen in zip(board_rotations, board_translations, imag
 WRONG_ANSWERS["2.1"] = [
     ("board_errors_px = lens_rms_px", "one for each board"),
     ("board_errors_px = [lens_rms_px] * len(image_points)", "Each board has its own"),
+    (
+        "chance = np.random.default_rng(1).uniform(0.5, 1.5, len(image_points))\n"
+        "board_errors_px = list(chance * lens_rms_px / np.sqrt((chance**2).mean()))",
+        "together your errors are right",
+    ),
     (_EACH_BOARD.format("cv2.norm(projected, seen, cv2.NORM_L2) / 54"), "OpenCV's tutorial"),
     (_EACH_BOARD.format("np.sqrt(((projected - seen) ** 2).mean())"), "too small by sqrt(2)"),
     (_EACH_BOARD.format("np.sqrt(((projected[:, None] - seen) ** 2).sum(axis=2).mean())"), "reshape before"),
@@ -66,6 +78,7 @@ WRONG_ANSWERS["4.1"] = [
     ("my_source_px = source_px[[1, 2, 3, 0]]", "far left, far right"),
     ("my_source_px = source_px[[1, 0, 3, 2]]", "mirrored, turned"),
     ("my_source_px = source_px[0]", "four points"),
+    ("my_source_px = [[580, 600], [740, 600], [741, 601], [579, 601]]", "a strip of the road"),
 ]
 _MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
 _TOP_HAT = """
@@ -85,6 +98,14 @@ WRONG_ANSWERS["5.1"] = [
     (_TOP_HAT.format(rows=1, level=10), "as long as a dash"),
     (_TOP_HAT.format(rows=41, level=20).replace("yellow |", ""), "Of the solid yellow line"),
     (_MASK + "hls[..., 2] * 0", "the mask is empty"),
+    (
+        "drawn = np.zeros((720, 1280), np.uint8)\nfor side in ('left', 'right') if spots_lane else ():\n"
+        "    line_m = np.column_stack([spots_lane['x_m'], spots_lane[f'{side}_y_m']])\n"
+        "    line_px = pose_warp.points_to_birdseye(lens.undistort_points(camera.road_to_pixels(line_m[20:])))\n"
+        "    cv2.polylines(drawn, [np.int32(line_px)], False, 255, 8)\n"
+        "paint_mask = lambda above: drawn",
+        "not what paint looks like",
+    ),
 ]
 
 _WIDTH = """
@@ -110,7 +131,7 @@ WRONG_ANSWERS["6.1"] = [
     (_WIDTH.format("3.66"), "the same for a narrower lane"),
     (_WIDTH.format("(right_start - left_start) * across_m"), "the same for a narrower lane"),
     (_WIDTH.format("(right - left) * along_m"), "how many metres"),
-    (_WIDTH.format("(left - right) * across_m"), "how many metres"),
+    (_WIDTH.format("(left - right) * across_m"), "The sign is wrong"),
     (_WIDTH.replace("len(binary) // 2", "0").format("(right - left) * across_m"), "In its lower half of rows"),
     (_WIDTH.format("np.nan"), "NaN is none"),
     (_WIDTH.format("left * across_m, right * across_m"), "return one number"),
@@ -142,6 +163,7 @@ WRONG_ANSWERS["8.1"] = [
     (_ENDS + "bar_px = camera.road_to_pixels(ends_m * [1, -1])", "sign of y"),
     (_ENDS + "bar_px = camera.road_to_pixels(ends_m[:, ::-1] * [1, 7])", "NaN"),
     (_ENDS + "bar_px = pose_warp.points_to_birdseye(camera.road_to_pixels(ends_m))", "px off"),
+    (_ENDS + "bar_px = camera.road_to_pixels(ends_m) + [[0, 0], [9, 0]]", "the right end is 9 px off"),
 ]
 
 _SANE = """
@@ -206,6 +228,12 @@ def fit_known_width(x_m, y_m, left, width_m):
 _CENTRE = "y_m - np.where(left, 1, -1) * width_m / 2"
 WRONG_ANSWERS["11.1"] = [
     (_FIT.format("y_m"), "this is the line"),
+    (
+        _FIT.replace(
+            "design =", "if left.any():\n        x_m, y_m, left = x_m[left], y_m[left], left[left]\n    design ="
+        ).format(_CENTRE),
+        "with candidates of both lines",
+    ),
     (_FIT.format("y_m - np.where(left, 1, -1) * width_m"), "half a width from either line"),
     (_FIT.format("y_m + np.where(left, 1, -1) * width_m / 2"), "wrong side of the left line"),
     (_FIT.format("y_m - width_m / 2"), "not with the right line"),
@@ -224,6 +252,12 @@ def correct_gated(state, P, z, R, H):
     return state + K @ innovation, P - K @ H @ P
 """
 WRONG_ANSWERS["12.1"] = [
+    ("q_factor = 100", "too unsure"),
+    ("q_factor = 0.01", "too sure"),
+    ("q_factor = -1", "one positive number"),
+    ("q_factor = [1, 2]", "one positive number"),
+]
+WRONG_ANSWERS["12.2"] = [
     (_STEP.replace("H @ P @ H.T + R", "H @ P @ H + R"), "H is not square"),
     (_STEP.replace("P - K @ H @ P", "P"), "P is not updated"),
     (_STEP.replace("P - K @ H @ P", "P + K @ H @ P"), "is not P - K H P"),
@@ -241,11 +275,11 @@ WRONG_ANSWERS["12.1"] = [
 _OCCLUSION = """
 def occlusion_map(image, camera):
     at_m, moved_m = np.array([20.0]), np.zeros((5, 16))
-    lines_m = helpers.find_lane(image, camera).lateral_m(at_m)
+    lines_m = lanes.find_lane(image, camera).lateral_m(at_m)
     for row, column in np.ndindex(5, 16):
         covered = image.copy()
         covered[320 + 80 * row : 400 + 80 * row, 80 * column : 80 * column + 80] = 128
-        lane = helpers.find_lane(covered, camera)
+        lane = lanes.find_lane(covered, camera)
         moved_m[row, column] = 1 if lane is None else min(1, np.abs(lane.lateral_m(at_m) - lines_m).max())
     return moved_m
 """
@@ -259,27 +293,26 @@ WRONG_ANSWERS["13.1"] = [
     (_MAP + "np.full((5, 16), np.nan)", "Where no lane is found"),
 ]
 
-_SHARE = """
-def share_right(confidence, right, low, high):
-    group = (confidence >= low) & (confidence < high)
-    return right[group].mean() if group.any() else np.nan
+_KEEP = """
+def largest_share(confidence, right, least):
+    share = np.cumsum(right[np.argsort(-confidence)]) / np.arange(1, len(right) + 1)
+    enough = np.flatnonzero(share >= least)
+    return (enough[-1] + 1) / len(right) if len(enough) else 0
 """
 WRONG_ANSWERS["14.1"] = [
-    (_SHARE.replace("right[group].mean()", "(right & group).mean()"), "a share of all frames"),
-    (_SHARE.replace("right[group].mean()", "group[right].mean()"), "a share of the right frames"),
-    (_SHARE.replace("right[group].mean()", "right[group].sum()"), "the number of right frames"),
-    (_SHARE.replace("right[group].mean()", "confidence[group].mean()"), "the mean confidence"),
-    (_SHARE.replace("right[group].mean()", "(~right[group]).mean()"), "the share of wrong frames"),
-    (_SHARE.replace("< high", "<= high"), "exactly `high`"),
-    (_SHARE.replace(">= low", "> low"), "exactly `low`"),
-    (_SHARE.replace("np.nan", "0.0"), "return np.nan, not 0.0"),
-    (_SHARE.replace("np.nan", "None"), "return np.nan, not None"),
-    (_SHARE.replace("right[group].mean()", "right.mean()"), "the true share"),
-    (_SHARE.replace("right[group].mean()", "right[group]"), "return one number"),
+    (_KEEP.replace("-confidence", "confidence"), "the other way round"),
+    (_KEEP.replace("enough[-1] + 1", "np.flatnonzero(share < least)[0]"), "first falls below"),
+    (_KEEP.replace("(enough[-1] + 1) / len(right)", "(confidence >= least).mean()"), "need not be true"),
+    (_KEEP.replace("(enough[-1] + 1) / len(right)", "right.mean()"), "How many can be kept"),
+    (_KEEP.replace("(enough[-1] + 1) / len(right)", "enough[-1] + 1"), "Divide by all frames"),
+    (_KEEP.replace("else 0", "else 1.0"), "return 0, not 1.0"),
+    (_KEEP.replace("enough[-1] + 1", "enough[-1] / 2"), "cumulative mean"),
+    (_KEEP.replace("(enough[-1] + 1) / len(right)", "share"), "return one number"),
 ]
 
 _HONEST = "def honest_finder(image, camera):\n    return "
 WRONG_ANSWERS["15.1"] = [
+    (_HONEST + "lanes.find_lane(image, camera)", "find_lane is the engine"),
     ("honest_finder = joint_finder", "In the hairpins, return None"),
     (_HONEST + "joint_finder(image, camera) if image.mean() > 112 else None", "too few frames are right"),
     (_HONEST + "[(0.0, 0.0, 640.0), (0.0, 0.0, 200.0)]", "left line first"),

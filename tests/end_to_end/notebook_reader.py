@@ -24,7 +24,7 @@ NOTEBOOK = ROOT / "project.ipynb"
 # Cells that take longer are not run again, to save time: they annotate videos, score drives and explain pictures.
 LONG_CELL_S = 1.0
 SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
-CHECK_LINE = re.compile(r'^(?:_ = )?helpers\.check_exercise\("([\d.]+)".*', re.M | re.S)
+CHECK_LINE = re.compile(r'^(?:_ = )?course\.check_exercise\("([\d.]+)".*', re.M | re.S)
 # Nobody sees the figures of these checks, so they are drawn, but not turned into JPEG.
 WITHOUT_JPEG = """
 get_ipython().run_line_magic("matplotlib", "agg")

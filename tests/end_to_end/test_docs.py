@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import course
 import helpers
 import lanes
 from benchmark.consistency import consistency_table
@@ -41,11 +42,12 @@ def test_the_links_modules_and_helpers_that_are_named_exist(page):
     text = page.read_text(encoding="utf-8")
     targets = [target.split("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text)]
     assert not [at for at in targets if not at.startswith(("http:", "https:")) and not (page.parent / at).exists()]
-    packages = "lanes|classic|simulator|benchmark|course|tests|tools"
+    packages = "lanes|simulator|benchmark|course|tests|tools"
     paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", text)
     assert not [path for path in paths if not (ROOT / path).exists()]
-    helpers_named = set(re.findall(r"helpers\.([a-z_]+)", text)) - {"py"}
-    assert not [name for name in helpers_named if not hasattr(helpers, name)]
+    for module in (helpers, course):
+        named = set(re.findall(rf"(?<![\w/]){module.__name__}\.([a-z_]+)", text)) - {"py"}
+        assert not [name for name in named if not hasattr(module, name)]
 
 
 @each_page
@@ -78,7 +80,7 @@ def test_names_of_lanes_exist():
 def test_the_finder_of_the_guide_finds_a_lane():
     text, names = (ROOT / "docs" / "own_finder.md").read_text("utf-8"), {}
     exec(re.search(r"```python\n(# my_finder.py.*?)```", text, re.DOTALL)[1], names)
-    camera = helpers.load_camera(ROOT / "test_videos" / "project_video.yaml")
+    camera = lanes.load_camera(ROOT / "test_videos" / "project_video.yaml")
     image = helpers.read_image(ROOT / "test_images" / "straight_lines1.jpg")
     left, right = (np.polyval(line, 10.0) for line in names["my_finder"](image, camera))
     assert 2.5 < left - right < 4.5
@@ -105,7 +107,7 @@ def table_of(page: Path, *headings: str) -> list[list[str]]:
 @pytest.mark.parametrize("page", [ROOT / "README.md", BENCHMARK / "README.md"], ids=["short", "long"])
 def test_the_tables_of_scores_are_those_of_the_benchmark(page):
     """They have some of the scenes and of the systems, and all sums."""
-    header, _, *lines = map(cells_of, helpers.results_table(BENCHMARK / "benchmark.csv").splitlines())
+    header, _, *lines = map(cells_of, course.results_table(BENCHMARK / "benchmark.csv").splitlines())
     known = {tuple(line[:2]): dict(zip(header, line, strict=True)) for line in lines}
     columns, *rows = table_of(page, *header[:2])
     assert {tuple(row[:2]) for row in rows} >= {key for key in known if key[0].startswith("all ")}

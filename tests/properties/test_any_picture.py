@@ -10,8 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from classic.finder import LaneFinder
-from classic.recipe import RECIPES, get_recipe
+from helpers import RECIPES, LaneFinder, get_recipe
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT
 from lanes.detect.lane import FOUND, Lane, LineEvidence, telemetry_row

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from classic.finder import FoundLine, LaneResult
-from classic.fit import RoadLine
-from classic.recipe import get_recipe
+from helpers import FoundLine, LaneResult, RoadLine, get_recipe
 
 NOTHING = np.zeros((720, 1280), np.uint8)
 

@@ -1,5 +1,6 @@
 """The three recipes on painted roads with ground truth, defects of their originals, and real stills."""
 
+import re
 from dataclasses import replace
 from functools import cache, partial
 
@@ -7,10 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from classic.finder import LaneFinder
-from classic.fit import RoadLine
-from classic.recipe import RECIPES, get_recipe
 from course.dataset import open_dataset
+from helpers import RECIPES, LaneFinder, RoadLine, get_recipe
 from lanes.calibration import calibrate
 from lanes.camera import Camera
 from lanes.errors import CameraError, PictureError
@@ -188,6 +187,15 @@ def test_a_picture_of_another_size_is_refused(name):
         finder(name).find(np.zeros((1280, 720, 3), np.uint8))
     with pytest.raises(CameraError, match=f"recipe {name} is for 640x360 pictures"):
         LaneFinder(get_recipe(name, (640, 360)), CAMERA)
+
+
+def test_helpers_uses_of_lanes_only_the_camera_files_images_texts_and_drawing():
+    """import-linter sees packages only. Finding lanes by the engine would be no classic pipeline."""
+    text = (ROOT / "helpers.py").read_text(encoding="utf-8")
+    modules = set(re.findall(r"^(?:from|import) (lanes[\w.]*)", text, re.M))
+    allowed = {"calibration", "camera", "canvas", "describe", "errors", "images", "video.process", "video.reader"}
+    assert modules - {"lanes"} == {f"lanes.{name}" for name in allowed - {"canvas"}}
+    assert re.findall(r"^from lanes import (.*)", text, re.M) == ["canvas"]
 
 
 def test_measures_need_both_lines_except_the_curvature():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from classic.fit import LineFit
-from classic.recipe import get_recipe
+from helpers import LineFit, get_recipe
 
 A = get_recipe("hls_sobel").memories[0]
 B = get_recipe("equalized_hsv").memories[0]
@@ -12,7 +11,7 @@ C_LEFT, C_RIGHT = get_recipe("best_channel").memories
 
 
 def line(c, a=0.0):
-    return LineFit((a, 0.0, float(c)), 100, (0, 719))
+    return LineFit((a, 0.0, float(c)), 100)
 
 
 def after(memory, fits):

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from classic.finder import LaneFinder
-from classic.overlay import (
+from helpers import (
+    LaneFinder,
     annotate_image,
     describe_result,
     draw_lane_between,
     draw_pixels,
     draw_windows,
     follow_lane,
+    get_recipe,
 )
-from classic.recipe import get_recipe
 from lanes.camera import Camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.errors import PictureError

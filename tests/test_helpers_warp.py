@@ -3,8 +3,16 @@
 import numpy as np
 import pytest
 
-from classic.recipe import MAX_FAR_EDGE_M, RECIPES, get_recipe, recipe_from_pose
-from classic.warp import FourPointWarp, birdseye_to_road, metres_per_pixel, road_axes, scale_to_road
+from course.plots import road_axes
+from helpers import (
+    RECIPES,
+    FourPointWarp,
+    birdseye_to_road,
+    get_recipe,
+    metres_per_pixel,
+    recipe_from_pose,
+    scale_to_road,
+)
 from lanes.camera import Camera, CameraPose
 from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
@@ -131,7 +139,7 @@ def test_edges_are_where_the_published_rows_are(name):
 
 def test_the_far_edge_is_limited():
     x, _ = corners_on_road(recipe_from_pose(get_recipe("hls_sobel", PHONE.size), PHONE), PHONE).T
-    assert x.max() == pytest.approx(MAX_FAR_EDGE_M, rel=1e-3)
+    assert x.max() == pytest.approx(60.0, rel=1e-3)
 
 
 def test_without_pose_or_road_there_is_no_rectangle():

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from classic.fit import LineFit
-from classic.search import find_peaks, lane_histogram, search_band, sliding_windows
+from helpers import LineFit, band_pixels, binary_pixels, find_peaks, lane_histogram, sliding_windows
 from tests.support.painted_roads import paint_view
 
 SIZE = (1280, 720)
@@ -45,49 +44,49 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
     """A window that stays where the histogram put it (as one original's did in video) loses both lines."""
     binary = paint_view(SIZE, [slanted, bent], thickness_px=15)
     found = sliding_windows(binary, margin_px=60)
-    assert len(found.left_windows) == len(found.right_windows) == 9
-    for pixels, line in ((found.left_pixels, slanted), (found.right_pixels, bent)):
+    assert [len(windows) for windows in found.windows] == [9, 9]
+    for pixels, line in ((found.pixels[0], slanted), (found.pixels[1], bent)):
         assert np.abs(pixels[:, 0] - line(pixels[:, 1])).max() < 9
         assert len(pixels) > 0.97 * 15 * 720
-    top = found.left_windows[-1]
-    assert abs((top.left + top.right) / 2 - slanted(80)) < 40
+    top = found.windows[0][-1]
+    assert abs((top[0] + top[2]) / 2 - slanted(80)) < 40
 
 
 def test_windows_tile_the_height_and_catch_every_pixel():
     binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
     found = sliding_windows(binary, count=9, margin_px=80)
-    windows = found.left_windows
-    assert [(w.top, w.bottom) for w in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
-    assert len(found.left_pixels) == 9 * 15 * 80
-    assert (found.right_windows, found.right_pixels.shape) == ((), (0, 2))
-    assert sliding_windows(binary, margin_px=80).windows_px[1].tolist() == [220, 560, 380, 639]
+    windows = found.windows[0]
+    assert [(top, bottom) for _, top, _, bottom in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
+    assert len(found.pixels[0]) == 9 * 15 * 80
+    assert (found.windows[1].shape, found.pixels[1].shape) == ((0, 4), (0, 2))
+    assert windows[1].tolist() == [220, 560, 380, 639]
 
 
 def test_few_pixels_do_not_move_a_window():
     binary = paint_view(SIZE, [lambda y: 300 + 0 * y], rows=(640, 720))
     binary[600:604, 360:370] = 255  # 40 pixels at the edge of the second window
-    still = sliding_windows(binary, margin_px=80, recentre_pixels=50).left_windows
-    moved = sliding_windows(binary, margin_px=80, recentre_pixels=40).left_windows
-    assert still[2].left == pytest.approx(300 - 80, abs=1)
-    assert moved[2].left == pytest.approx(364.5 - 80, abs=1)
+    still = sliding_windows(binary, margin_px=80, recentre_pixels=50).windows[0]
+    moved = sliding_windows(binary, margin_px=80, recentre_pixels=40).windows[0]
+    assert still[2][0] == pytest.approx(300 - 80, abs=1)
+    assert moved[2][0] == pytest.approx(364.5 - 80, abs=1)
 
 
 def test_a_flooded_window_is_dropped():
     binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
     binary[160:240, 200:400] = 255
-    caught = sliding_windows(binary, margin_px=75, flood_pixels=9500).left_pixels
+    caught = sliding_windows(binary, margin_px=75, flood_pixels=9500).pixels[0]
     assert not ((caught[:, 1] >= 160) & (caught[:, 1] < 240)).any()
     assert ((caught[:, 1] >= 80) & (caught[:, 1] < 160)).any()
-    assert len(sliding_windows(binary, margin_px=75).left_pixels) > len(caught)
+    assert len(sliding_windows(binary, margin_px=75).pixels[0]) > len(caught)
 
 
 def test_band_takes_the_pixels_beside_the_known_line_only():
     binary = paint_view(SIZE, [slanted, bent])
-    known = LineFit((0.0, 0.4, 150.0), 1, (0, 719))
-    found = search_band(binary, known, None, margin_px=10)
-    assert len(found.left_pixels) == 15 * 720
-    assert found.right_pixels.shape == (0, 2)
-    assert found.windows_px.shape == (0, 4)
-    narrow = search_band(binary, known, None, margin_px=3.1).left_pixels
+    known = LineFit((0.0, 0.4, 150.0), 1)
+    pixels = binary_pixels(binary)
+    found = band_pixels(pixels, known, 10)
+    assert len(found) == 15 * 720
+    assert band_pixels(pixels[:0], known, 10).shape == (0, 2)
+    narrow = band_pixels(pixels, known, 3.1)
     everything = np.argwhere(binary)[:, ::-1]
     assert narrow.tolist() == everything[np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1].tolist()

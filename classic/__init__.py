@@ -1,1 +1,0 @@
-"""The classic pipeline that the course builds: threshold, warp, search, fit, remember, draw."""
