@@ -99,9 +99,11 @@ WRONG_ANSWERS["5.1"] = [
     (_TOP_HAT.format(rows=41, level=20).replace("yellow |", ""), "Of the solid yellow line"),
     (_MASK + "hls[..., 2] * 0", "the mask is empty"),
     (
-        "drawn = np.zeros((720, 1280), np.uint8)\nfor side in ('left', 'right') if spots_lane else ():\n"
-        "    line_m = np.column_stack([spots_lane['x_m'], spots_lane[f'{side}_y_m']])\n"
-        "    line_px = pose_warp.points_to_birdseye(lens.undistort_points(camera.road_to_pixels(line_m[20:])))\n"
+        "drawn = np.zeros((720, 1280), np.uint8)\nahead_of_car_m = np.linspace(5, 35, 60)\n"
+        "for side in ('left', 'right') if spots_lane else ():\n"
+        "    y_m = np.interp(ahead_of_car_m, spots_lane['x_m'], spots_lane[f'{side}_y_m'])\n"
+        "    line_px = camera.road_to_pixels(np.column_stack([ahead_of_car_m, y_m]))\n"
+        "    line_px = pose_warp.points_to_birdseye(lens.undistort_points(line_px))\n"
         "    cv2.polylines(drawn, [np.int32(line_px)], False, 255, 8)\n"
         "paint_mask = lambda above: drawn",
         "not what paint looks like",
