@@ -32,6 +32,7 @@ from lanes.sources import Sources, find_sources, read_turn, require_distinct_out
 from lanes.stills import StillDetection
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
+from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
 from lanes.video.reader import TimedFrame, VideoInfo, inspect_video
 from lanes.video.robot_log import index_log
@@ -279,6 +280,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
+    if info.mirrored:
+        lines.append(f"{video}: {MIRRORED_WORDS}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):

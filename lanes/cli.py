@@ -15,6 +15,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
@@ -37,7 +39,7 @@ from lanes.score import TUSIMPLE_SIZE, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import read_frames
-from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video
 
 
 class Calibrate:
@@ -223,7 +225,7 @@ class Detect:
         for video in sources.videos:
             frames = list(detect_in_video(video, settings, options.rows))
             found += frames
-            missing += frames[-1]["frame"] + 1 - len(frames)
+            missing += count_missing(np.diff([-1, *(frame["frame"] for frame in frames)]) - 1)
         if options.sequence and sources.stills:
             found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
         elif sources.stills:
