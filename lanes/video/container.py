@@ -108,7 +108,7 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if rate < max(MIN_FPS, MIN_RATE_SHARE * (stream.guessed_rate or rate)):
+    if rate < MIN_FPS or rate < MIN_RATE_SHARE * float(stream.guessed_rate or rate):
         steps = np.diff(frame_stamps(path))
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import av
 import numpy as np
 from av.sidedata.sidedata import Type as SideDataType
@@ -18,7 +20,8 @@ MIRRORED_WORDS = (
 
 def frame_orientation(frame: av.VideoFrame) -> int:
     """The EXIF orientation of a frame by its display matrix, to the nearest quarter turn; 1 without one."""
-    matrix = next((data for data in frame.side_data if data.type == SideDataType.DISPLAYMATRIX), None)
+    side_data: Any = frame.side_data  # PyAV's types know its numbers only
+    matrix = side_data.get(SideDataType.DISPLAYMATRIX)
     if matrix is None:
         return 1
     # of a row vector (column, row) in the stored image to one on the screen (libavutil/display.h)

@@ -244,7 +244,8 @@ def _timed(
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        stamps_s = [f.pts * f.time_base - zero_s + shift_s for f in ahead if None not in (f.pts, f.time_base)]
+        stamps = [(f.pts, f.time_base) for f in ahead]
+        stamps_s = [pts * tick - zero_s + shift_s for pts, tick in stamps if pts is not None and tick is not None]
         if len(stamps_s) < len(ahead):
             stamps_s = [after_s]
         time_s = stamps_s[0] if last_s is None else _without_outlier(last_s, stamps_s)
