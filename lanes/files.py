@@ -147,10 +147,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
             os.replace(partial, target)
 
 
+def remove_partial(path: Path) -> None:
+    """Remove the partial file of an output whose writer has ended; that of another writer stays."""
+    partial, lock_path = partial_files(Path(os.path.realpath(path)))
+    if partial.exists() or lock_path.exists():
+        with suppress(OSError), locked(lock_path, timeout_s=0):
+            partial.unlink(missing_ok=True)
+
+
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
     """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
-    lock = FileLock(path, timeout=LOCK_TIMEOUT_S, thread_local=False)
+    lock = FileLock(path, timeout=timeout_s, thread_local=False)
     try:
         lock.acquire()
     except Timeout as error:
