@@ -204,6 +204,25 @@ def test_a_mirrored_drive_is_tracked_as_players_show_it_and_said(tmp_path, drive
         assert offset_m == pytest.approx(BENDS.truth(11 / 25).offset_m, abs=0.05)
 
 
+def test_the_result_names_the_median_confidence(drive, tmp_path):
+    """Also if it is low: "tracked in 100 %" alone says too much of a lane that is unlikely."""
+    doubtful = replace(SMALL, pose=replace(SMALL.pose, pitch_rad=SMALL.pose.pitch_rad + np.radians(4)))
+    medians = []
+    for number, camera in enumerate((SMALL, doubtful)):
+        results = quietly([drive / "drive.mp4", drive / "stills"], tmp_path / str(number), camera, report=False)
+        for result in results:
+            known = result.telemetry["state"] != "lost"
+            medians.append(np.median(result.telemetry["confidence"][known]) if known.any() else None)
+            words = "lost for" if "drive.mp4" in result.description else "lane found in"
+            line = next(line for line in result.description.splitlines() if words in line)
+            assert known.any() == ("median confidence" in line)
+            assert medians[-1] is None or f", median confidence {medians[-1]:.2f};" in line
+    assert medians[0] > 0.8 and medians[1] > 0.8 and (medians[2] is None or medians[2] < 0.5)
+    write_image(tmp_path / "grey.png", GREY)
+    (result,) = quietly(tmp_path / "grey.png", tmp_path / "grey", report=False)
+    assert "lane found in 0; wrote" in result.description
+
+
 def test_lost_sound_is_stated(tmp_path):
     video = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
     (result,) = quietly(video, tmp_path / "out", report=False)
