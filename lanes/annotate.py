@@ -34,7 +34,7 @@ from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_w
 from lanes.track.tracker import LaneTracker
 from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
-from lanes.video.reader import TimedFrame, VideoInfo, inspect_video
+from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -280,6 +280,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
+    if jumps := describe_jumps(telemetry["time_s"], info.fps):
+        lines.append(f"{video}: {jumps}")
     if info.mirrored:
         lines.append(f"{video}: {MIRRORED_WORDS}")
     if info.has_audio and not written.has_audio:

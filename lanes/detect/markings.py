@@ -115,8 +115,9 @@ class MarkingModel:
         inputs = self.form.as_input(pixels, mean, scale)
         output = run_network(self.file, inputs, output=self.output, digest=self.digest)
         channels, wanted = self.form.channels_of(output, self.input_size), np.ravel(self.channel)
-        if max(wanted) >= len(channels):
-            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {max(wanted)}, from 0 on.")
+        if not 0 <= min(wanted) <= max(wanted) < len(channels):
+            wrong = min(wanted) if min(wanted) < 0 else max(wanted)
+            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {wrong}, from 0 on.")
         if self.values == "logits":
             # a single one is the logarithm of the odds
             logits = channels if len(channels) > 1 else np.stack([channels[0], np.zeros_like(channels[0])])

@@ -318,6 +318,13 @@ def count_missing(gaps: np.ndarray) -> int:
     return int(gaps[gaps <= JUMP_FRAMES].sum())
 
 
+def describe_jumps(time_s: np.ndarray, fps: float) -> str:
+    """What jumps in the times (N,) of frames mean, in words; empty without any."""
+    jumps = np.flatnonzero(np.diff(time_s) * fps > JUMP_FRAMES)
+    where = ", ".join(f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s" for k in jumps[:5])
+    return f"its clock jumps {where}: another recording begins there, and the tracker starts again" if where else ""
+
+
 def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
     # In Matroska and NUT the duration counts from zero, in all others from the first packet.

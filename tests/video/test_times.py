@@ -164,6 +164,7 @@ def test_a_second_recording_on_the_same_clock_comes_after_a_gap(tmp_path, annota
     _, found_s, said, out = annotate(video)
     np.testing.assert_allclose(found_s, times_s, atol=2e-3)
     assert "100 frames, lane" in said and "missing" not in said
+    assert "its clock jumps by 7200 s after 2.0 s: another recording begins there" in said
     np.testing.assert_allclose([frame.time_s for frame in read_timed_frames(out)], times_s, atol=2e-3)
     frames = list(read_timed_frames(video, start_s=7202.4))
     assert [number_of(frame.image) for frame in frames] == list(range(60, 100))
