@@ -139,9 +139,15 @@ def _sorted_stamps(path: str, *version: int) -> np.ndarray:
 def start_time(path: str | Path) -> Fraction:
     """Presentation time of a video's first frame on the container's clock, seconds; it may be damaged.
 
-    The packets are read for it: FFmpeg looks at the first five seconds only, where a video may begin later than its
-    sound.
+    The packets are read for it, once for calls in a row: FFmpeg looks at the first five seconds only, where a video may
+    begin later than its sound.
     """
+    file = Path(path).stat()
+    return _start_time(str(path), file.st_mtime_ns, file.st_size)
+
+
+@lru_cache(maxsize=16)
+def _start_time(path: str, *version: int) -> Fraction:
     with open_video(path) as container:
         stream, stamps = container.streams.video[0], []
         placed = container.format.name in WITHOUT_PRESENTATION_TIMES

@@ -232,10 +232,8 @@ def _timed(
     size: tuple[int, int] | None = None
     last_s: Fraction | None = None
     shift_s = Fraction(0)
-    ahead = deque(islice(frames, MAX_OUTLIERS))
-    while ahead:
-        ahead.extend(islice(frames, 1))
-        frame, *_ = ahead
+    ahead: deque[av.VideoFrame] = deque()  # looked at where the time stamps leave their order
+    while frame := ahead.popleft() if ahead else next(frames, None):
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
             raise VideoError(
@@ -244,26 +242,28 @@ def _timed(
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        stamps = [(f.pts, f.time_base) for f in ahead]
-        stamps_s = [pts * tick - zero_s + shift_s for pts, tick in stamps if pts is not None and tick is not None]
-        if len(stamps_s) < len(ahead):
-            stamps_s = [after_s]
-        time_s = stamps_s[0] if last_s is None else _without_outlier(last_s, stamps_s)
-        if last_s is not None and not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
-            shift_s += after_s - time_s
-            time_s = after_s
+        time_s = _stamp_s(frame, zero_s - shift_s, after_s)
+        if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
+            ahead.extend(islice(frames, MAX_OUTLIERS - len(ahead)))
+            time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s - shift_s, after_s) for f in ahead])
+            if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
+                shift_s += after_s - time_s
+                time_s = after_s
         last_s = time_s if last_s is None else max(time_s, last_s)
-        yield ahead.popleft(), last_s
+        yield frame, last_s
 
 
-def _without_outlier(last_s: Fraction, stamps_s: Sequence[Fraction]) -> Fraction:
-    """The first time stamp, or one between `last_s` and a later stamp that follows it, if the first is no such one."""
-    time_s = stamps_s[0]
-    if not 0 <= time_s - last_s <= CLOCK_RESET_S:
-        for steps, later_s in enumerate(stamps_s[1:], 2):
-            follows = last_s < later_s <= last_s + CLOCK_SET_S
-            if follows and not last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S:
-                return last_s + (later_s - last_s) / steps
+def _stamp_s(frame: av.VideoFrame, zero_s: Fraction, otherwise_s: Fraction) -> Fraction:
+    """Seconds from `zero_s` to the time stamp of a frame; `otherwise_s` without one."""
+    return otherwise_s if frame.pts is None or frame.time_base is None else frame.pts * frame.time_base - zero_s
+
+
+def _without_outlier(last_s: Fraction, time_s: Fraction, later: Sequence[Fraction]) -> Fraction:
+    """A time stamp after `last_s`, or one between it and a later stamp that follows it, if the first does not."""
+    for steps, later_s in enumerate(later, 2):
+        follows = last_s < later_s <= last_s + CLOCK_SET_S
+        if follows and not last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S:
+            return last_s + (later_s - last_s) / steps
     return time_s
 
 
