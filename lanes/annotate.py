@@ -27,13 +27,14 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report.page import Telemetry, seconds_lost, share_tracked, write_report
+from lanes.report.page import Telemetry, describe_confidence, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
+from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
-from lanes.video.reader import TimedFrame, VideoInfo, inspect_video
+from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
@@ -276,9 +277,13 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
-        f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
-        f"{' and report' if settings.report else ''} next to it"
+        f"{seconds_lost(telemetry):.1f} s{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
+        f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
+    if jumps := describe_jumps(telemetry["time_s"], info.fps):
+        lines.append(f"{video}: {jumps}")
+    if info.mirrored:
+        lines.append(f"{video}: {MIRRORED_WORDS}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):
@@ -353,7 +358,8 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
             lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
     telemetry = table.columns()
     found = np.sum(telemetry["state"] != LOST)
-    lines.append(f"stills: {len(outputs)} pictures, lane found in {found}; wrote them and {path.name} to {path.parent}")
+    found_words = f"lane found in {found}{describe_confidence(telemetry)}"
+    lines.append(f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} to {path.parent}")
     return Annotation((*outputs, path), telemetry, "\n".join(lines), pose, failures=tuple(failures))
 
 

@@ -20,7 +20,8 @@ from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
 from lanes.images import kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.reader import TURNED, inspect_turn, inspect_video, read_timed_frames
+from lanes.video.orientation import as_stored
+from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 MIN_VIEWS = 3
@@ -133,11 +134,11 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
 def _add_video(found: BoardDetections, name: str, path: Path) -> None:
     """Add the frames of a video in which the board is seen most differently."""
     step = max(1, inspect_video(path).frames // VIDEO_FRAMES)
-    quarter_turns = TURNED.index(inspect_turn(path))
+    orientation = inspect_turn(path)
     looked = BoardDetections({}, found.pattern, {}, {})
     for frame in read_timed_frames(path):
         if frame.number % step == 0:
-            sensor_image = np.ascontiguousarray(np.rot90(frame.image, -quarter_turns))
+            sensor_image = as_stored(frame.image, orientation)
             _add_image(looked, f"{name} at {frame.time_s:.2f} s", sensor_image)
     chosen = _most_different(looked.boards, VIDEO_BOARDS)
     found.boards.update({key: looked.boards[key] for key in chosen})

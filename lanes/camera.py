@@ -20,7 +20,7 @@ import numpy as np
 import yaml
 
 from lanes.errors import CameraError, PictureError, require_number
-from lanes.files import read_text, write_atomically
+from lanes.files import parse_yaml, read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
@@ -389,15 +389,6 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
 # Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
 
 
-class _PlainLoader(yaml.SafeLoader):
-    """YAML without aliases, because a few lines with aliases can expand to any number of entries."""
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
-        return super().compose_node(parent, index)
-
-
 def save_camera(camera: Camera, path: str | Path) -> Path:
     """Write a camera file, which `load_camera` reads; returns its path.
 
@@ -452,7 +443,7 @@ def load_camera(path: str | Path) -> Camera:
     # a file with a thousand boards has 50 kB
     text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
     try:
-        return camera_from_dict(yaml.load(text, _PlainLoader))
+        return camera_from_dict(parse_yaml(text))
     except (yaml.YAMLError, AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error

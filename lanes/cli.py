@@ -15,6 +15,8 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
@@ -29,15 +31,15 @@ from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
 from lanes.files import require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
-from lanes.labels import read_labels, read_predictions
+from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
 from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
 from lanes.report.score_page import write_score_page
-from lanes.score import TUSIMPLE_SIZE, score_picture, score_tables
+from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import read_frames
-from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video
 
 
 class Calibrate:
@@ -223,7 +225,7 @@ class Detect:
         for video in sources.videos:
             frames = list(detect_in_video(video, settings, options.rows))
             found += frames
-            missing += frames[-1]["frame"] + 1 - len(frames)
+            missing += count_missing(np.diff([-1, *(frame["frame"] for frame in frames)]) - 1)
         if options.sequence and sources.stills:
             found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
         elif sources.stills:
@@ -344,7 +346,7 @@ class Score:
         predictions, camera = read_predictions(options.predictions, labels), None
         if options.camera and not (camera := load_camera(options.camera)).pose:
             raise CameraError(f"{options.camera}: holds no camera pose; use the file that `pose` writes.")
-        pictures = [folder / label.name for label in labels]
+        pictures = [find_picture(folder, label.name) for label in labels]
         require_no_input_among([options.output], [options.labels, options.predictions, *pictures])
         read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
         assumed = camera.size if camera else TUSIMPLE_SIZE
@@ -352,9 +354,16 @@ class Score:
         scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
         missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
         gone = [picture for picture in pictures if not picture.is_file()]
-        tables, notes = score_tables(scores), ""
-        for what, some in (("stills have no prediction", missing), ("pictures are missing, sizes assumed", gone)):
-            notes += f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n" if some else ""
+        tables = score_tables(scores)
+        notes = "".join(
+            f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n"
+            for what, some in (
+                ("stills have no prediction", missing),
+                ("pictures are missing, sizes assumed", gone),
+                *describe_predictions(labels, predictions, pictures),
+            )
+            if some
+        )
         for title, table in tables.items():
             print(f"{title}:\n{format_table(*number_cells(table))}\n")
         words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}

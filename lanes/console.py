@@ -7,7 +7,8 @@ import math
 import signal
 import sys
 from collections.abc import Callable
-from io import StringIO, TextIOWrapper
+from contextlib import suppress
+from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
 from typing import Any
 
 
@@ -76,11 +77,35 @@ def run_program(main: Callable[[], int]) -> None:
     """Exit this process with the status of `main()`; SIGTERM gives status 143."""
     # SIGTERM raises an exception, as Ctrl-C does, so that half-written files are removed.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    # A terminal that cannot show a file name or a sign such as ± must not stop the command, nor one that is closed
+    # (`| head`) or a full disk behind it: the exit status is that of the work.
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed before the start
             setattr(sys, name, StringIO())
         elif isinstance(stream, TextIOWrapper):
-            # A terminal that cannot show a file name or a sign such as ± must not stop the command.
-            stream.reconfigure(errors="backslashreplace", line_buffering=True)
+            output = BufferedWriter(_Unfailing(stream.detach()))
+            setattr(sys, name, TextIOWrapper(output, stream.encoding, "backslashreplace", line_buffering=True))
     sys.exit(main())
+
+
+class _Unfailing(RawIOBase):
+    """An output whose text is dropped from the moment on at which it cannot be written."""
+
+    def __init__(self, output: BufferedIOBase) -> None:
+        self._output = output
+
+    def writable(self) -> bool:
+        return True
+
+    def isatty(self) -> bool:
+        return self._output.isatty()
+
+    def fileno(self) -> int:
+        return self._output.fileno()
+
+    def write(self, data: Any) -> int:
+        with suppress(OSError):
+            self._output.write(data)
+            self._output.flush()
+        return len(data)

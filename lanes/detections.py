@@ -24,6 +24,7 @@ from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.labels import NO_POINT
 from lanes.pose import ensure_pose
+from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import read_frames
 from lanes.video.reader import TimedFrame
 
@@ -36,6 +37,8 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
     info, camera, pose = prepare_drive(video, settings)
     if pose:
         print(pose.describe())
+    if info.mirrored:
+        print(f"{video}: {MIRRORED_WORDS}")
     tracker = make_tracker(info.fps, camera, pose, settings.markings)
     with closing(read_frames(video, info, progress=settings.progress)) as frames:
         for frame, lane in track_frames(frames, tracker):

@@ -16,8 +16,10 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from filelock import FileLock, Timeout
 
 PARTIAL = ".partial"
@@ -80,6 +82,20 @@ def read_text(
         raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
 
 
+class _PlainLoader(yaml.SafeLoader):
+    """Loader of YAML without aliases: a few of them stand for gigabytes."""
+
+    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
+        return super().compose_node(parent, index)
+
+
+def parse_yaml(text: str) -> Any:
+    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags and aliases."""
+    return yaml.load(text, _PlainLoader)
+
+
 def list_files(folder: str | Path) -> list[Path]:
     """The files of a folder, without hidden and partial ones.
 
@@ -131,10 +147,18 @@ def atomic_write(path: Path) -> Iterator[Path]:
             os.replace(partial, target)
 
 
+def remove_partial(path: Path) -> None:
+    """Remove the partial file of an output whose writer has ended; that of another writer stays."""
+    partial, lock_path = partial_files(Path(os.path.realpath(path)))
+    if partial.exists() or lock_path.exists():
+        with suppress(OSError), locked(lock_path, timeout_s=0):
+            partial.unlink(missing_ok=True)
+
+
 @contextmanager
-def locked(path: Path) -> Iterator[None]:
+def locked(path: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
     """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
-    lock = FileLock(path, timeout=LOCK_TIMEOUT_S, thread_local=False)
+    lock = FileLock(path, timeout=timeout_s, thread_local=False)
     try:
         lock.acquire()
     except Timeout as error:

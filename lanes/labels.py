@@ -2,7 +2,8 @@
 
 Each line of a file is a JSON object with `raw_file` (the picture; that of a label is relative to the file), `h_samples`
 (rows; without them a prediction is at the rows of its label) and `lanes` (columns at these rows, -2 without a point).
-Optional are `sides` (the name of each line, "left" and "right" for the ego lane) and `confidence` (0 to 1).
+Optional are `sides` (the name of each line, "left" and "right" for the ego lane), `confidence` (0 to 1) and `run_time`
+(milliseconds). Names are the same in all forms of Unicode: macOS decomposes letters with accents.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Literal
+from unicodedata import normalize
 
 import numpy as np
 
@@ -20,13 +23,17 @@ from lanes.images import MAX_PIXELS
 NO_POINT, EGO_SIDES = -2.0, ("left", "right")
 # Enough for a hundred thousand pictures with six lines at 56 rows.
 MAX_LABEL_FILE_BYTES = 200_000_000
+# Forms in which file systems keep names; the second is that of macOS.
+UNICODE_FORMS: tuple[Literal["NFC", "NFD"], ...] = ("NFC", "NFD")
+# Rows that are closer are the same: some programs compute them.
+SAME_ROW_PX = 0.01
 
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
     """The lines in a picture, with columns (K, R) at rows (R,), pixels, -2 without a point; `sides` are their names.
 
-    `name` is `raw_file`, with / between its folders.
+    `name` is `raw_file`, with / between its folders; `run_time_ms` is the time that a prediction took, 0 if not known.
     """
 
     name: str
@@ -34,6 +41,7 @@ class LaneColumns:
     columns: np.ndarray
     sides: tuple[str, ...] = ()
     confidence: float | None = None
+    run_time_ms: float = 0.0
 
     @property
     def empty(self) -> bool:
@@ -46,10 +54,23 @@ class LaneColumns:
         return [*PurePosixPath(self.name).parts[:-1], "."][0]
 
     def at(self, rows: np.ndarray) -> np.ndarray:
-        """Columns (K, N) at rows (N,); -2 in rows that are not in `rows`."""
-        index = {row: k for k, row in enumerate(self.rows.tolist())}
-        columns = np.pad(self.columns, ((0, 0), (0, 1)), constant_values=NO_POINT)
-        return columns[:, [index.get(row, -1) for row in np.asarray(rows, float).tolist()]]
+        """Columns (K, N) at rows (N,), between two of `rows` on the straight line; -2 beyond them or beside a gap."""
+        wanted, order = np.asarray(rows, float), np.argsort(self.rows)
+        known, columns = self.rows[order], self.columns[:, order]
+        if not known.size:
+            return np.full((len(columns), len(wanted)), NO_POINT)
+        before = np.searchsorted(known, wanted + SAME_ROW_PX, side="right") - 1
+        after = np.searchsorted(known, wanted - SAME_ROW_PX)
+        inside = (before >= 0) & (after < len(known))
+        before, after = np.maximum(before, 0), np.minimum(after, len(known) - 1)
+        share = np.where(after > before, (wanted - known[before]) / np.maximum(known[after] - known[before], 1e-9), 0)
+        between = columns[:, before] + share * (columns[:, after] - columns[:, before])
+        return np.where(inside & (columns[:, before] >= 0) & (columns[:, after] >= 0), between, NO_POINT)
+
+    def lacking(self, rows: np.ndarray) -> np.ndarray:
+        """Those of `rows` (N,) that are beyond its own ones, so that it has no point there."""
+        low, high = (self.rows.min(), self.rows.max()) if len(self.rows) else (np.inf, -np.inf)
+        return rows[(rows < low - SAME_ROW_PX) | (rows > high + SAME_ROW_PX)]
 
     def ego_lane(self, size: tuple[int, int]) -> LaneColumns:
         """Its left and right line in a picture of `size` (width, height); a line that is missing has no points.
@@ -95,9 +116,9 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
     apart. Raises ValueError if a line is not a prediction, if two labels or two predictions are for the same picture,
     or if no prediction is for a labelled one.
     """
-    predictions = _read(path, "prediction", {label.name: label.rows for label in labels})
+    predictions = _read(path, "prediction", {normalize("NFC", label.name): label.rows for label in labels})
     for depth in range(1, 1 + max((len(PurePosixPath(label.name).parts) for label in labels), default=1)):
-        names, found = ([PurePosixPath(some.name).parts[-depth:] for some in lines] for lines in (labels, predictions))
+        names, found = ([_parts(some.name)[-depth:] for some in lines] for lines in (labels, predictions))
         both = [name for name in found if name in set(names)]
         if len(set(names)) == len(names) and len(set(both)) == len(both):
             break
@@ -109,6 +130,16 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
     return [by_name.get(name) for name in names]
 
 
+def find_picture(folder: Path, name: str) -> Path:
+    """The picture of a label in a folder, in the form of Unicode in which it is there; as named if it is not."""
+    forms = [folder / name, *(folder / normalize(form, name) for form in UNICODE_FORMS)]
+    return next((path for path in forms if path.is_file()), forms[0])
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    return PurePosixPath(normalize("NFC", name)).parts
+
+
 def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None) -> list[LaneColumns]:
     """The lines in a file; predictions without `h_samples` are at the rows in `rows_of`, or left out."""
     found = []
@@ -118,8 +149,9 @@ def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None 
         try:
             entry = json.loads(line)
             name = entry["raw_file"].replace("\\", "/")  # a file written on Windows has backslashes
-            if rows_of is None or "h_samples" in entry or name in rows_of:
-                found.append(_parse(name, entry.get("h_samples", (rows_of or {}).get(name)), entry))
+            of_label = None if rows_of is None else rows_of.get(normalize("NFC", name))
+            if rows_of is None or "h_samples" in entry or of_label is not None:
+                found.append(_parse(name, entry.get("h_samples", of_label), entry))
         except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
             reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
             needs = "it needs raw_file, h_samples, and lanes with a column for each of these rows"
@@ -138,4 +170,6 @@ def _parse(name: str, h_samples: object, entry: dict) -> LaneColumns:
         raise ValueError("a point is outside of any picture")
     if len(sides) not in (0, len(columns)) or not 0 <= (confidence or 0) <= 1:
         raise ValueError("sides does not name each of the lanes, or confidence is not a number from 0 to 1")
-    return LaneColumns(name, rows, columns, tuple(sides), confidence)
+    run_time = entry.get("run_time")
+    run_time_ms = float(run_time) if isinstance(run_time, int | float) else 0.0
+    return LaneColumns(name, rows, columns, tuple(sides), confidence, run_time_ms)

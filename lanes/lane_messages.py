@@ -7,11 +7,11 @@ in their names, one Float64 each, because every tool plots these; NaN if nothing
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -40,13 +40,24 @@ def write_lane_messages(path: Path, tracker: LaneTracker, log: LogIndex) -> Iter
     from rosbags.typesys import Stores, get_typestore
 
     mcap = path.with_suffix(MESSAGES_SUFFIX)
-    with atomic_write(mcap) as partial, TemporaryDirectory() as folder:
-        writer = Writer(Path(folder, "lane"), version=9, storage_plugin=StoragePlugin.MCAP)  # writes a folder
+    with atomic_write(mcap) as partial, _spool(partial.with_suffix(".spool")) as folder:
+        writer = Writer(folder / "lane", version=9, storage_plugin=StoragePlugin.MCAP)  # writes a folder
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         with writer:
             yield LaneMessageWriter(path, tracker, log, writer, get_typestore(Stores.ROS2_HUMBLE))
         with translate_write_errors(mcap):
-            shutil.copyfile(Path(folder, "lane", "lane.mcap"), partial)
+            os.replace(folder / "lane" / "lane.mcap", partial)
+
+
+@contextmanager
+def _spool(folder: Path) -> Iterator[Path]:
+    """A folder beside the output, as the system's temporary one may be in memory; one of a killed run is removed."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class LaneMessageWriter(TelemetryWriter):

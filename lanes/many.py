@@ -17,16 +17,17 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from itertools import chain
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import av
 
 import lanes
 from lanes.annotate import DriveSettings, annotate_drive, output_path, versions
 from lanes.camera import camera_to_dict
 from lanes.errors import VideoError
-from lanes.files import partial_files, read_text, require_file, write_atomically, write_telemetry
+from lanes.files import read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
 
@@ -124,8 +125,8 @@ def annotate_many(
         finally:
             # Workers on this machine have ended here, also after an interruption; those of a scheduler go on.
             for job in [] if scheduler else unfinished:
-                for leftover in chain(*map(partial_files, [*job.outputs, job.manifest])):
-                    leftover.unlink(missing_ok=True)
+                for output in (*job.outputs, job.manifest):
+                    remove_partial(output)
     table = write_telemetry(settings.output / SUMMARY, _summary_rows(finished, failed))
     log(f"{len(finished)} drives finished, {len(failed)} failed; {counts}; wrote {table}")
     return finished, list(failed.values())
@@ -193,13 +194,22 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
     if other := ", ".join(f"{name} {found}" for name, found in all_versions().items() if found != wanted[name]):
         remedy = "install the same versions on all machines"
         return ValueError(f"the worker on {worker} has {other}, so that its results would differ; {remedy}.")
+    failed: Exception | None = None
     try:
         result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:
         where = f"worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path"
-        return FileNotFoundError(f"{error} ({where})")
-    except ValueError as error:
-        return error
+        failed = FileNotFoundError(f"{error} ({where})")
+    except (OSError, ValueError) as error:
+        failed = error
+        if isinstance(error, av.FFmpegError):
+            failed = OSError(str(error)) if isinstance(error, OSError) else ValueError(str(error))
+    if failed:
+        # PyAV's errors cannot be sent to another process, not even as the cause of another error.
+        failed.__cause__ = failed.__context__ = None
+        if isinstance(failed, OSError) and not isinstance(failed, FileNotFoundError):
+            raise failed
+        return failed
     time_s, length_s = result.telemetry["time_s"], float(frame_lengths_s(result.telemetry["time_s"]).sum())
     measures = share_tracked(result.telemetry), seconds_lost(result.telemetry), len(time_s), result.missing, length_s
     drive = FinishedDrive(job.fingerprint, output_sizes(job), result.description, *measures)

@@ -5,20 +5,24 @@ line's angle, and a line is matched if 85 % of its points are correct. TuSimple'
 the tolerance is scaled with the width.
 
 The official score counts all lines, each label with its best prediction, and all rows: one without a labelled point is
-correct if the prediction has none either. A prediction that matches no label is false, also one without points. In the
-ego-lane variant left is compared with left and right with right, and only rows with a labelled point count.
+correct if the prediction has none either. A prediction that matches no label is false, also one without points. The
+number is that of TuSimple's program also where this is odd: a prediction that is the best of two labels makes the FP of
+a picture negative, a picture without a labelled line has an accuracy of 0, and a prediction that took more than 200 ms
+counts as not found. In the ego-lane variant left is compared with left and right with right, and only rows with a
+labelled point count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
-from lanes.labels import LaneColumns
+from lanes.labels import SAME_ROW_PX, LaneColumns
 
 # TuSimple's tolerance of a point, accuracy of a matched line, and size of its pictures. A line with fewer labelled
 # points than the last number has no reliable direction and is not scored.
@@ -26,6 +30,8 @@ TOLERANCE_PX, MATCH_ACCURACY, TUSIMPLE_SIZE, MIN_POINTS = 20.0, 0.85, (1280, 720
 # The official score of a picture is 0 with more surplus predictions than this. Of more labelled lines than the second,
 # the worst is left out. Missing points are put at the third, so that they are far from all others.
 MAX_SURPLUS, MAX_LABELLED, MISSING_PX = 2, 4, -100.0
+# It is 0 also for a prediction that took longer.
+MAX_RUN_TIME_MS = 200.0
 # The numbers of a picture's score: shares, and lateral errors in metres at these distances.
 SHARES = ("right", "TuSimple", "FP", "FN", "ego accuracy", "ego matched")
 DISTANCES = tuple(f"{x_m:g} m" for x_m in CORRECT_AT_M)
@@ -65,17 +71,21 @@ def score_picture(
     right = bool(np.nanmin(matched)) if np.isfinite(matched).any() else None
     if label.empty:
         right = found.empty or (found.confidence is not None and found.confidence < LIKELY_CONFIDENCE)
-    official = (np.nan,) * 3 if label.empty else _official_score(label, found.at(label.rows), scale)
+    official = _official_score(label, found.at(label.rows), scale, late=found.run_time_ms > MAX_RUN_TIME_MS)
     lateral_m = lateral_errors_m(true, ego, camera).T if camera else np.full((len(DISTANCES), 2), np.nan)
     numbers = np.nan if right is None else right, *official, accuracy, matched, *lateral_m
     values = {name: np.atleast_1d(some) for name, some in zip(SHARES + DISTANCES, numbers, strict=True)}
     return PictureScore(label, found, size, right, values)
 
 
-def _official_score(label: LaneColumns, predicted: np.ndarray, scale: float) -> tuple[float, float, float]:
-    """TuSimple's accuracy, FP and FN of predicted columns (K, R); the time they took does not count."""
-    lines, count = len(label.columns), min(len(label.columns), MAX_LABELLED)
-    if len(predicted) > lines + MAX_SURPLUS:
+def _official_score(
+    label: LaneColumns, predicted: np.ndarray, scale: float, *, late: bool
+) -> tuple[float, float, float]:
+    """TuSimple's accuracy, FP and FN of predicted columns (K, R); `late` if they took too long."""
+    lines, count = len(label.columns), max(min(len(label.columns), MAX_LABELLED), 1)
+    if not len(label.rows):
+        return np.nan, np.nan, np.nan
+    if late or len(predicted) > lines + MAX_SURPLUS:
         return 0.0, 0.0, 1.0
     found, true = (np.where(columns >= 0, columns, MISSING_PX) for columns in (predicted, label.columns))
     correct = np.abs(found - true[:, None]) < _tolerances_px(label, scale)[:, None]
@@ -83,7 +93,7 @@ def _official_score(label: LaneColumns, predicted: np.ndarray, scale: float) -> 
     matched, left_out = int((best >= MATCH_ACCURACY).sum()), lines > MAX_LABELLED
     false = (len(predicted) - matched) / max(len(predicted), 1)
     missed = lines - matched - (left_out and lines > matched)
-    return float(best.sum() - left_out * best.min()) / count, false, missed / count
+    return float(best.sum() - left_out * best.min(initial=1.0)) / count, false, missed / count
 
 
 def _tolerances_px(label: LaneColumns, scale: float) -> np.ndarray:
@@ -108,12 +118,13 @@ def summarize(scores: Sequence[PictureScore], names: Sequence[str] = SHARES) -> 
     """Number of pictures, means of the shares, and medians and 95th percentiles of the lateral errors."""
     row: dict[str, float] = {"stills": len(scores)}
     for name in names:
-        values = np.abs(np.concatenate([score.values[name] for score in scores]))
+        values = np.concatenate([score.values[name] for score in scores])
         known = values[np.isfinite(values)] if np.isfinite(values).any() else [np.nan]
         if name in SHARES:
             row[name] = float(np.mean(known))
         else:
-            row |= {name: float(np.median(known)), f"{name}, 95 %": float(np.percentile(known, 95))}
+            errors_m = np.abs(known)
+            row |= {name: float(np.median(errors_m)), f"{name}, 95 %": float(np.percentile(errors_m, 95))}
     return row
 
 
@@ -145,3 +156,27 @@ def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
     key = {name: (row["right"], np.nan_to_num(row["ego accuracy"], nan=row["right"])) for name, row in rows.items()}
     worst = sorted(rows, key=lambda name: np.nan_to_num(key[name], nan=2.0).tolist())
     return tables | {"worst stills": {name: rows[name] for name in worst[:MAX_WORST]}}
+
+
+def describe_predictions(
+    labels: Sequence[LaneColumns], predictions: Sequence[LaneColumns | None], pictures: Sequence[Path]
+) -> list[tuple[str, list[Path]]]:
+    """What a user should know of predictions, in words, and the pictures that it is about."""
+    other, lacking, late = [], [], []
+    lacked: set[float] = set()
+    for label, found, picture in zip(labels, predictions, pictures, strict=True):
+        if found is None:
+            continue
+        labelled = label.rows[(label.columns >= 0).any(axis=0)]
+        beyond = found.lacking(labelled).tolist()
+        lacked.update(beyond)
+        lacking += [picture] if beyond else []
+        between = np.abs(labelled[:, None] - found.rows).min(axis=1, initial=np.inf) > SAME_ROW_PX
+        other += [picture] if between.sum() > len(beyond) else []
+        late += [picture] if found.run_time_ms > MAX_RUN_TIME_MS else []
+    rows = ", ".join(f"{row:g}" for row in sorted(lacked)[:MAX_WORST]) + (", ..." if len(lacked) > MAX_WORST else "")
+    return [
+        ("predictions are at other rows than the labels, and interpolated", other),
+        (f"predictions end before labelled rows, which count as missing (rows {rows})", lacking),
+        (f"predictions took more than {MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
+    ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 from PIL import Image
 
 from lanes.annotate import Annotation, DriveSettings, annotate, track
-from lanes.camera import Camera, CameraPose
+from lanes.camera import Camera, CameraPose, save_camera
 from lanes.detections import detect_in_video
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
@@ -19,10 +20,11 @@ from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive
+from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL, PaintedDrive
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import names
-from tests.video.sample_videos import make_video, make_video_with_unknown_sound, set_rotation
+from tests.video.sample_videos import make_video, make_video_with_unknown_sound, set_matrix, set_rotation
 
 GREY = np.full((360, 640, 3), 128, np.uint8)
 BLACK = np.zeros_like(GREY)
@@ -180,6 +182,45 @@ def test_a_moved_camera_is_reported(tmp_path):
             writer.write((BENDS if number < 30 else pitched(BENDS, 2)).frame(number / 5), number / 5)
     (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
     assert re.search(r"seems to have moved after [567] s: .* (1\.[7-9]|2\.\d) deg farther down", result.description)
+
+
+@pytest.mark.parametrize("command", ["annotate", "detect"])
+def test_a_mirrored_drive_is_tracked_as_players_show_it_and_said(tmp_path, drive, capsys, command):
+    """Stored upside down, as by a camera at the ceiling; its display matrix flips it. A turn is no mirror."""
+    frames = [BENDS.frame(number / 25) for number in range(12)]
+    save_camera(SMALL, tmp_path / "camera.yaml")
+    for name, axes, stored in (("flipped", (1, 0, 0, -1), np.flipud), ("turned", (-1, 0, 0, -1), np.rot90)):
+        images = [stored(frame) if name == "flipped" else stored(frame, 2) for frame in frames]
+        write_clip(tmp_path / "stored.mp4", map(np.ascontiguousarray, images))
+        video = tmp_path / f"{name}.mp4"
+        set_matrix(tmp_path / "stored.mp4", video, *axes)
+        output = tmp_path / ("lanes.jsonl" if command == "detect" else "out")
+        assert main([command, "--camera", str(tmp_path / "camera.yaml"), str(video), "-o", str(output)]) == 0
+        assert ("is shown mirrored" in capsys.readouterr().out) == (name == "flipped")
+        if command == "annotate":
+            offset_m = read_telemetry(output / f"{name}.csv")["offset_m"][-1]
+        else:
+            offset_m = json.loads(output.read_text().splitlines()[-1])["offset_m"]
+        assert offset_m == pytest.approx(BENDS.truth(11 / 25).offset_m, abs=0.05)
+
+
+def test_the_result_names_the_median_confidence(drive, tmp_path):
+    """Also if it is low: "tracked in 100 %" alone says too much of a lane that is unlikely."""
+    doubtful = replace(SMALL, pose=replace(SMALL.pose, pitch_rad=SMALL.pose.pitch_rad + np.radians(4)))
+    medians = []
+    for number, camera in enumerate((SMALL, doubtful)):
+        results = quietly([drive / "drive.mp4", drive / "stills"], tmp_path / str(number), camera, report=False)
+        for result in results:
+            known = result.telemetry["state"] != "lost"
+            medians.append(np.median(result.telemetry["confidence"][known]) if known.any() else None)
+            words = "lost for" if "drive.mp4" in result.description else "lane found in"
+            line = next(line for line in result.description.splitlines() if words in line)
+            assert known.any() == ("median confidence" in line)
+            assert medians[-1] is None or f", median confidence {medians[-1]:.2f};" in line
+    assert medians[0] > 0.8 and medians[1] > 0.8 and (medians[2] is None or medians[2] < 0.5)
+    write_image(tmp_path / "grey.png", GREY)
+    (result,) = quietly(tmp_path / "grey.png", tmp_path / "grey", report=False)
+    assert "lane found in 0; wrote" in result.description
 
 
 def test_lost_sound_is_stated(tmp_path):

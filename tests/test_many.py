@@ -12,24 +12,30 @@ import socket
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
+from pickle import dumps, loads
 
+import av
 import numpy as np
 import psutil
 import pytest
 
 from lanes import many
 from lanes.annotate import DriveSettings, annotate_drive
+from lanes.detect.markings import load_markings
+from lanes.detect.network import read_network
+from lanes.errors import VideoError
 from lanes.field_of_view import FieldOfView
-from lanes.files import read_telemetry
+from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import annotate_many
 from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip, write_drive
 from tests.support.command_line import popen, process, start
+from tests.support.onnx_file import threshold, write_model
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 from tests.support.project import ROOT
 
@@ -38,6 +44,7 @@ distributed = pytest.importorskip("distributed", reason="Dask is not installed: 
 # x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 5, 20
+LOGITS = {"input_size": [640, 360], "channel": 1, "values": "logits"}
 
 
 @pytest.fixture(scope="module")
@@ -286,6 +293,63 @@ def test_a_worker_with_other_versions_or_another_disk_is_reported(drives, tmp_pa
     monkeypatch.setattr(many, "run_job", run_elsewhere)
     _, (failure,) = annotate_many([video], settings_for(tmp_path))
     assert re.search(r"drive0\.mp4: its worker wrote drive0\.mp4, but not into .*storage that all", str(failure))
+
+
+def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path, monkeypatch):
+    """Its lock covers the partial file of the first drive; that of the second is of a killed run."""
+    videos, output = videos_in(drives)[:2], tmp_path / "out"
+    output.mkdir()
+    for video in videos:
+        for file in partial_files(output / video.name):
+            file.write_bytes(b"written so far")
+    with locked(partial_files(output / videos[0].name)[1]):
+
+        @contextmanager
+        def interrupted(*_: object) -> Iterator[None]:
+            raise KeyboardInterrupt
+            yield
+
+        monkeypatch.setattr(many, "connect", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            annotate_many(videos, settings_for(output))
+        assert {path.name for path in output.iterdir()} == {"drive0.partial.mp4", "drive0.partial.mp4.lock"}
+        assert (output / "drive0.partial.mp4").read_bytes() == b"written so far"
+
+
+@pytest.mark.parametrize("reworded", [False, True])
+@pytest.mark.parametrize("kind", [av.error.OSError, av.error.PermissionError, av.error.InvalidDataError])
+def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, reworded, drives, tmp_path, monkeypatch):
+    """A worker sends them to another process, which needs plain errors, also as the cause of ours."""
+    video = videos_in(drives)[0]
+    error = kind(5, "Input/output error", str(video))
+
+    def fail(*_: object) -> None:
+        if not reworded:
+            raise error
+        try:
+            raise error
+        except av.FFmpegError as cause:
+            raise (OSError if isinstance(cause, OSError) else VideoError)(str(cause)) from cause
+
+    monkeypatch.setattr(many, "annotate_drive", fail)
+    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
+    try:
+        sent = many.run_job(job)
+    except OSError as raised:
+        sent = raised
+    assert type(sent) in (OSError, ValueError, VideoError) and isinstance(sent, OSError) == isinstance(error, OSError)
+    received = loads(dumps(sent))
+    assert type(received) is type(sent) and str(received) == str(error)
+
+
+def test_a_worker_with_another_network_is_reported(drives, tmp_path, in_this_process):
+    """A file of the same name on another machine."""
+    file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, LOGITS)
+    settings = settings_for(tmp_path / "out", markings=load_markings(file))
+    write_model(file, {"lines": threshold(1, 0, 0)}, None)
+    read_network.cache_clear()
+    _, (failure,) = annotate_many(videos_in(drives)[:1], settings)
+    assert re.search(r"drive0\.mp4: .*m\.onnx: is another network than at the start, or on this machine", str(failure))
 
 
 # --- the command

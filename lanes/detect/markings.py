@@ -6,7 +6,6 @@ sees it, too. A network is an ONNX file, with a YAML file beside it (docs/own_ne
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,9 +16,10 @@ import yaml
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import learned_evidence, place, read_network, run_network
+from lanes.detect.onnx_file import MAX_INPUT_PX, MIN_INPUT_PX, NetworkForm, read_onnx
 from lanes.detect.paint import PAINT, FrameEvidence, find_stripes
 from lanes.errors import LaneError
-from lanes.files import read_text, require_file
+from lanes.files import parse_yaml, read_text, require_file
 
 # From a raw RGB image (height, width, 3), uint8, to the mask of its lane markings: probabilities (rows, columns), 0 to
 # 1, of the whole image, also at a lower resolution.
@@ -75,6 +75,9 @@ def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
     if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):  # also for NaN
         found = f"an array of shape {mask.shape} with values from {low:g} to {high:g}"
         raise LaneError(f"{name}: returned {found}; a mask has shape (rows, columns) and probabilities, 0 to 1.")
+    (rows, columns), (height, width) = mask.shape, image.shape[:2]
+    if not isinstance(markings, MarkingModel) and rows != columns and abs(rows * height - columns * width) < rows:
+        raise LaneError(f"{name}: returned a mask (rows, columns) {mask.shape} of an image {(height, width)}; turn it.")
     with_own, shift = getattr(markings, "with_own", False), getattr(markings, "confidence_shift", 0.0)
     return Mask(np.clip(mask, 0, 1), with_own, float(shift))
 
@@ -92,6 +95,7 @@ class MarkingModel:
     file: Path
     digest: str
     with_own: bool
+    form: NetworkForm
     input_size: Sequence[int]
     channel: int | Sequence[int]
     values: str
@@ -108,10 +112,12 @@ class MarkingModel:
         """The mask of a raw image (height, width, 3), uint8, RGB. Raises LaneError if there is no such channel."""
         pixels = cv2.dnn.blobFromImage(image, 1.0, self.input_size, swapRB=self.colour_order == "BGR")
         mean, scale = (np.reshape(np.array(value, np.float32), (-1, 1, 1)) for value in (self.mean, self.scale))
-        output = run_network(self.file, (pixels - mean) * scale, output=self.output, digest=self.digest)
-        channels, wanted = output[0] if output.ndim == 4 else output, np.ravel(self.channel)
-        if channels.ndim != 3 or max(wanted) >= len(channels):
-            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {max(wanted)}, from 0 on.")
+        inputs = self.form.as_input(pixels, mean, scale)
+        output = run_network(self.file, inputs, output=self.output, digest=self.digest)
+        channels, wanted = self.form.channels_of(output, self.input_size), np.ravel(self.channel)
+        if not 0 <= min(wanted) <= max(wanted) < len(channels):
+            wrong = min(wanted) if min(wanted) < 0 else max(wanted)
+            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {wrong}, from 0 on.")
         if self.values == "logits":
             # a single one is the logarithm of the odds
             logits = channels if len(channels) > 1 else np.stack([channels[0], np.zeros_like(channels[0])])
@@ -127,11 +133,15 @@ def load_markings(name: str | Path) -> MarkingModel:
     It is tried on a black image. Raises FileNotFoundError or LaneError if a file is missing or cannot be used.
     """
     file = Path(str(name).removesuffix(",own")).absolute()
-    digest = hashlib.sha256(require_file(file, "ONNX", error=LaneError).read_bytes()).hexdigest()
-    path = file.with_suffix(".yaml")
+    path = require_file(file, "ONNX", error=LaneError).with_suffix(".yaml")
     try:
-        entries = yaml.safe_load(read_text(path, "YAML", error=LaneError, max_bytes=100_000))
-        model = MarkingModel(file, digest, str(name).endswith(",own"), **entries)
+        entries = parse_yaml(read_text(path, "YAML", error=LaneError, max_bytes=100_000))
+        network = read_onnx(file)
+        digest = network.digest
+        model = MarkingModel(file, digest, str(name).endswith(",own"), network.form, **entries)
+        if not all(isinstance(size, int) and MIN_INPUT_PX <= size <= MAX_INPUT_PX for size in model.input_size):
+            raise ValueError(f"input_size is [width, height], {MIN_INPUT_PX} to {MAX_INPUT_PX} pixels each")
+        network.form.require_image_input(model.input_size)
         if model.values not in ("logits", "probabilities") or model.colour_order not in ("RGB", "BGR"):
             raise ValueError("values are logits or probabilities, colour_order is RGB or BGR")
         names = read_network(file, digest).getUnconnectedOutLayersNames()

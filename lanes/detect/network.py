@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.onnx_file import read_onnx
 from lanes.detect.paint import (
     PAINT,
     FrameEvidence,
@@ -127,9 +128,12 @@ def run_network(file: Path, inputs: np.ndarray, *, output: str = "", digest: str
 
 @lru_cache(maxsize=2)
 def read_network(file: Path, digest: str) -> cv2.dnn.Net:
-    """The network in an ONNX file, in the cache until it is called with another `digest` of the file's content."""
+    """The network in an ONNX file, in the cache until it is called with another `digest` of the file's content.
+
+    Raises LaneError if the file has another digest.
+    """
     # OpenCV cannot open all names of folders on Windows
-    return cv2.dnn.readNetFromONNX(np.frombuffer(file.read_bytes(), np.uint8))
+    return cv2.dnn.readNetFromONNX(np.frombuffer(read_onnx(file, digest).data, np.uint8))
 
 
 def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> tuple[Stripes, np.ndarray]:

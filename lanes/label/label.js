@@ -43,7 +43,7 @@ function send(save) {
 
 /** Take other marks; those before are kept for Escape, which gives none. */
 function change(next, from = active) {
-  if (ours) return say("Our lines were shown, so this label stays as it is.");
+  if (ours || still.compared) return say("Our lines were shown, so this label stays as it is.");
   if (next) past.push([marks, active]);
   else if (past.length) [next, from] = past.pop();
   else return;

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import numpy as np
 
 from lanes.annotate import DriveSettings
 from lanes.errors import LaneError
@@ -15,6 +16,9 @@ from lanes.files import read_text, write_atomically
 from lanes.images import read_image, write_image
 from lanes.label.curve import fit_line, label_rows
 from lanes.sources import sample_images
+
+# More points than anyone clicks on a line.
+MAX_POINTS = 1000
 
 
 def pick_stills(video: Path, settings: DriveSettings, count: int) -> Iterator[Path]:
@@ -36,34 +40,85 @@ class Session:
         if outside := [path for path in self.stills if not path.is_relative_to(folder.resolve())]:
             raise LaneError(f"{outside[0]}: lies outside of {folder}, the folder of the labels; give its folder (-o).")
         self._names = [path.relative_to(folder.resolve()).as_posix() for path in self.stills]
-        self._paths = folder / "labels.jsonl", folder / "unsaved.jsonl"
-        self._labels, self._unsaved = map(_read_labels, self._paths)
+        self._files = _LabelFile(folder / "labels.jsonl"), _LabelFile(folder / "unsaved.jsonl")
 
     def saved(self) -> list[bool]:
         """Whether each still has a label without unsaved changes."""
-        return [name in self._labels and name not in self._unsaved for name in self._names]
+        labels, unsaved = (file.labels for file in self._files)
+        return [name in labels and name not in unsaved for name in self._names]
 
     def label(self, k: int) -> dict[str, Any]:
         """The label of still `k`, or what its unsaved marks would be as one; also `saved`."""
-        label = (self._labels | self._unsaved).get(self._names[k]) or self._fit(k, [[], []])
+        labels, unsaved = (file.labels for file in self._files)
+        label = (labels | unsaved).get(self._names[k]) or self._fit(k, [[], []])
         return {"points": [[], []]} | label | {"saved": self.saved()}
 
     def mark(self, k: int, points: Any, save: bool) -> dict[str, Any]:
-        """Write the `points` of both lines (None: not visible), with `save` as a label; returns `label`, or raises."""
-        label = self._unsaved[self._names[k]] = self._fit(k, points)
-        if save:
-            if any(mark is not None and max(line) < 0 for mark, line in zip(points, label["lanes"], strict=True)):
-                raise LaneError("Mark each line with two or more points, or as not visible.")
-            self._labels[self._names[k]] = self._unsaved.pop(self._names[k])
-        for path, labels in zip(self._paths[not save :], (self._labels, self._unsaved)[not save :], strict=True):
-            write_atomically(path, "".join(json.dumps(label) + "\n" for label in labels.values()).encode() or b"\n")
+        """Write the `points` of both lines (None: not visible), with `save` as a label; returns `label`.
+
+        Raises LaneError for marks that are none, for a label that was compared, and if another program changed it.
+        """
+        name, label, (labels, unsaved) = self._names[k], self._fit(k, points), self._files
+        if labels.labels.get(name, {}).get("compared"):
+            raise LaneError("Our lines were shown, so this label stays as it is.")
+        if not save:
+            unsaved.change(name, label)
+            return self.label(k)
+        if any(mark is not None and max(line) < 0 for mark, line in zip(points, label["lanes"], strict=True)):
+            raise LaneError("Mark each line with two or more points, or as not visible.")
+        labels.change(name, label)
+        unsaved.change(name, None)
         return self.label(k)
+
+    def compare(self, k: int) -> None:
+        """Note that our lines were shown beside the label of still `k`, which stays as it is from now on."""
+        labels = self._files[0]
+        label = labels.labels[self._names[k]]
+        if not label.get("compared"):
+            labels.change(self._names[k], label | {"compared": True})
 
     def _fit(self, k: int, points: Any) -> dict[str, Any]:
         image = read_image(self.stills[k])
-        left, right = (fit_line(image, mark or []).tolist() for mark in points)
+        lines = _require_marks(points, image.shape[1::-1])
+        left, right = (fit_line(image, line).tolist() for line in lines)
         rows = label_rows(len(image)).tolist()
         return {"raw_file": self._names[k], "h_samples": rows, "lanes": [left, right], "points": points}
+
+
+class _LabelFile:
+    """The labels in a file by the name of their picture; lines that other programs add or change stay."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self.labels = _read_labels(path)
+
+    def change(self, name: str, label: dict[str, Any] | None) -> None:
+        """Write a label, or remove it (None); what is in memory is what is on the disk, also if that fails."""
+        there = _read_labels(self._path)
+        known, self.labels = self.labels, there
+        if there.get(name) != known.get(name):
+            raise LaneError(f"{name}: another program changed its label in {self._path.name}; open this still again.")
+        labels = there | {name: label} if label else {other: line for other, line in there.items() if other != name}
+        if labels != there:
+            text = "".join(json.dumps(line) + "\n" for line in labels.values())
+            write_atomically(self._path, text.encode() or b"\n")
+            self.labels = labels
+
+
+def _require_marks(points: Any, size: tuple[int, int]) -> list[np.ndarray]:
+    """The marks of both lines, (N, 2) each, if all are points in a picture of `size` (width, height)."""
+    try:
+        if len(points) != 2 or max(map(len, filter(None, points)), default=0) > MAX_POINTS:
+            raise ValueError
+        lines = [np.array(mark or np.empty((0, 2)), float) for mark in points]
+        inside = [line.shape[1:] == (2,) and ((line >= -1) & (line <= size)).all() for line in lines]
+    except (TypeError, ValueError):
+        inside = [False]
+    if not all(inside):
+        raise LaneError(
+            "Marks are two lists of points in the picture, [column, row]; null for one that is not visible."
+        )
+    return lines
 
 
 def _read_labels(path: Path) -> dict[str, dict[str, Any]]:

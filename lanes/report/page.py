@@ -94,6 +94,12 @@ def seconds_lost(telemetry: Telemetry) -> float:
     return float(frame_lengths_s(telemetry["time_s"])[telemetry["state"] == LOST].sum())
 
 
+def describe_confidence(telemetry: Telemetry) -> str:
+    """The median confidence where a lane is known, as ", median confidence 0.93"; empty without any."""
+    confidence = telemetry["confidence"][telemetry["state"] != LOST]
+    return f", median confidence {np.median(confidence):.2f}" if len(confidence) else ""
+
+
 def frame_lengths_s(time_s: np.ndarray) -> np.ndarray:
     """Duration (N,) of each frame in seconds: until the next frame; the median duration for the last one."""
     steps = np.diff(time_s)

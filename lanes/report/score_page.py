@@ -10,6 +10,7 @@ from pathlib import Path
 
 from lanes.describe import number_cells
 from lanes.images import read_image
+from lanes.labels import find_picture
 from lanes.report.page import fill_page
 from lanes.score import PictureScore, Table
 
@@ -21,7 +22,9 @@ def write_score_page(
     path: Path, folder: Path, scores: Sequence[PictureScore], tables: Mapping[str, Table], words: Mapping[str, str]
 ) -> Path:
     """Write the page of scores of stills in a folder, with their `score_tables`, a title and notes; returns `path`."""
-    stills = [_still(s, folder / name) for name in tables["worst stills"] for s in scores if s.label.name == name]
+    stills = [
+        _still(s, find_picture(folder, name)) for name in tables["worst stills"] for s in scores if s.label.name == name
+    ]
     data = {"tables": {name: number_cells(rows) for name, rows in tables.items()}, "stills": stills}
     return fill_page(path, "score", {name: escape(text) for name, text in words.items()}, data)
 

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from fractions import Fraction
-from heapq import heappop, heappush
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import av
+import numpy as np
 from av.container import InputContainer
 
 from lanes.errors import VideoError
@@ -18,15 +19,25 @@ from lanes.images import MAX_PIXELS
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
-# Formats without presentation times. FFmpeg's guesses are in order for packets, and out of order for frames that were
-# reordered.
+# Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of presentation times are wrong for
+# reordered frames and at gaps; players show a frame at the place of the packet that completes it.
 WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 # Frame rates that a 32-bit clock and the tracker can handle.
 MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
 CLOCK_RESET_S = 0.25
+# A larger step forward is a clock that was set, as by the first report of an RTP stream, which is since the year 1900.
+CLOCK_SET_S = 86_400.0
+# More frames of the usual rate than this are not missing in a hole: another recording begins behind it.
+JUMP_FRAMES = 1500
+# Up to so many frames in a row whose time stamps leave the order, and come back to it, are outliers.
+MAX_OUTLIERS = 4
 # The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
 MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
+# A smaller share of the base rate is an average rate that may include jumps in time.
+MIN_RATE_SHARE = 0.9
+# The rate is constant if average rate and base rate differ by a smaller share than this.
+SAME_RATE = 0.02
 NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 
 
@@ -55,16 +66,21 @@ def open_video(path: str | Path) -> InputContainer:
 
 def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
     """The undamaged frames of a video stream in order."""
-    ordered = container.format.name in WITHOUT_PRESENTATION_TIMES
-    stamps: list[int] = []  # of packets whose frames are not decoded yet
+    placed, last = container.format.name in WITHOUT_PRESENTATION_TIMES, None
     for packet in read_packets(container, stream):
-        if ordered and packet.size and packet.pts is not None:
-            heappush(stamps, packet.pts)
         for frame in decode_packet(packet):
-            if stamps:
-                frame.pts = heappop(stamps)
+            if placed:
+                # the last frames are completed by the end of the file
+                frame.pts = frame.dts if frame.dts is not None or last is None else last + _frame_ticks(stream)
+                last = frame.pts
             if not frame.is_corrupt:
                 yield frame
+
+
+def _frame_ticks(stream: av.VideoStream) -> int:
+    """Length of a frame in units of the stream's time base, at its rate; at least 1."""
+    rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
+    return max(round(1 / (rate * tick)), 1) if rate and tick else 1
 
 
 def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
@@ -88,24 +104,61 @@ def translate_errors(items: Iterator, path: str | Path) -> Iterator:
 
 
 def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Frames per second; raises VideoError if the file has no frame rate, or one that is not usable."""
+    """Frames per second, without jumps in time; raises VideoError if there is no frame rate, or one not usable."""
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
+    if rate < MIN_FPS or rate < MIN_RATE_SHARE * float(stream.guessed_rate or rate):
+        steps = np.diff(frame_stamps(path))
+        usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
+        if stream.time_base and len(usual) < len(steps) and usual.any():
+            rate = Fraction(1 / float(usual.mean() * stream.time_base)).limit_denominator(1001)
     if not MIN_FPS <= rate <= MAX_FPS:
         raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
     return rate
 
 
-def start_time(stream: av.VideoStream, path: str | Path) -> Fraction:
-    """Presentation time of the first frame on the container's clock, seconds; not 0 in transport streams."""
-    if stream.time_base is None:
-        return Fraction(0)
-    stamp = stream.start_time
-    if stream.container.format.name in WITHOUT_PRESENTATION_TIMES:
-        with open_video(path) as container:
-            stamp = next((packet.pts for packet in read_packets(container, container.streams.video[0])), None)
-    return (stamp or 0) * stream.time_base
+def rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
+    """Whether the average rate of a stream is also that of its steps."""
+    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
+
+
+def frame_stamps(path: str | Path) -> np.ndarray:
+    """Time stamps (N,) of the frames that are shown, sorted; the file is read once for calls in a row."""
+    file = Path(path).stat()
+    return _sorted_stamps(str(path), file.st_mtime_ns, file.st_size)
+
+
+@lru_cache(maxsize=2)
+def _sorted_stamps(path: str, *version: int) -> np.ndarray:
+    with open_video(path) as container:
+        packets = read_packets(container, container.streams.video[0])
+        return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
+
+
+def start_time(path: str | Path) -> Fraction:
+    """Presentation time of a video's first frame on the container's clock, seconds; it may be damaged.
+
+    The packets are read for it, once for calls in a row: FFmpeg looks at the first five seconds only, where a video may
+    begin later than its sound.
+    """
+    file = Path(path).stat()
+    return _start_time(str(path), file.st_mtime_ns, file.st_size)
+
+
+@lru_cache(maxsize=16)
+def _start_time(path: str, *version: int) -> Fraction:
+    with open_video(path) as container:
+        stream, stamps = container.streams.video[0], []
+        placed = container.format.name in WITHOUT_PRESENTATION_TIMES
+        for packet in read_packets(container, stream):
+            if packet.size and not packet.is_discard and packet.pts is not None:
+                stamps.append(packet.dts if placed else packet.pts)
+            if first := next(decode_packet(packet), None):
+                if placed and stream.codec_context.has_b_frames and first.dts is not None:
+                    stamps = [first.dts]
+                break
+        return min((stamp for stamp in stamps if stamp is not None), default=0) * (stream.time_base or Fraction(0))
 
 
 def _describe_fault(container: InputContainer) -> str:

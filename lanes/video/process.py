@@ -21,7 +21,7 @@ from tqdm import tqdm
 
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, translate_write_errors
-from lanes.video.reader import TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.reader import TimedFrame, VideoInfo, count_missing, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
 
 Row = Mapping[str, object]
@@ -105,8 +105,9 @@ def process_video(
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             numbers.append(frame.number)
     whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
-    expected = info.frames + info.missing if whole else numbers[-1] - numbers[0] + 1
-    return replace(writer.written, missing=max(0, expected - len(numbers)))
+    gaps = np.diff(numbers) - 1
+    missing = info.frames + info.missing - len(numbers) if whole else count_missing(gaps)
+    return replace(writer.written, missing=max(0, missing))
 
 
 def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:

@@ -6,11 +6,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections import deque
+from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 
 import av
@@ -21,29 +22,33 @@ from av.video.reformatter import VideoReformatter
 from lanes.errors import VideoError, require_number
 from lanes.video.container import (
     CLOCK_RESET_S,
+    CLOCK_SET_S,
+    JUMP_FRAMES,
+    MAX_OUTLIERS,
     MAX_SHORT_SHARE,
     MIN_STEP,
     NOT_DECODED,
     decode_frames,
     decode_packet,
     frame_rate,
+    frame_stamps,
     open_video,
+    rate_is_constant,
     read_packets,
     start_time,
     translate_errors,
 )
+from lanes.video.orientation import MIRRORED, frame_orientation, is_transposed, make_upright
 from lanes.video.robot_log import decode_image, index_log, is_robot_log, open_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # Largest ratio of a pixel's width to its height, and of its height to its width.
 MAX_PIXEL_ASPECT = 4
-# EXIF orientations of images that need 0 to 3 quarter turns to the left to be upright.
-TURNED = (1, 8, 3, 6)
+# Frames that are stored farther than this from their place in time are outliers: no codec reorders so many.
+MAX_REORDERED = 16
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
-# The rate is constant if average rate and base rate differ by a smaller share than this.
-SAME_RATE = 0.02
 
 
 @dataclass(frozen=True)
@@ -62,6 +67,7 @@ class VideoInfo:
     has_audio: bool
     missing: int = 0
     topic: str | None = None  # of the images in a robot log
+    mirrored: bool = False  # by the display matrix, as players show it
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,26 +108,29 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
         if first is None:
             raise VideoError(f"{path}: {NOT_DECODED}")
         rate = frame_rate(stream, path)
-        gaps, cut_off = _count_gaps(stamps, rate, stream), _count_cut_off(container, rate, end_s)
-        width, height = _square_size(first, stream)[:: -1 if _quarter_turns(first) % 2 else 1]
+        length_s, gaps = _measure_stamps(stamps, rate, stream)
+        cut_off = _count_cut_off(container, rate, end_s)
+        orientation = frame_orientation(first)
+        width, height = _square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
         return VideoInfo(
             width=width,
             height=height,
             fps=float(rate),
             frames=len(stamps),
-            duration_s=round(float((len(stamps) + gaps) / rate), 6),
+            duration_s=round(length_s, 6),
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
+            mirrored=orientation in MIRRORED,
         )
 
 
 def inspect_turn(path: str | Path) -> int:
-    """The EXIF orientation that a video's display matrix stands for: 1, 3, 6 or 8."""
+    """The EXIF orientation that a video's display matrix stands for, 1 to 8."""
     if is_robot_log(path):
         return 1
     with open_video(path) as container:
         frame = next(decode_frames(container, container.streams.video[0]), None)
-        return 1 if frame is None else TURNED[_quarter_turns(frame)]
+        return 1 if frame is None else frame_orientation(frame)
 
 
 def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
@@ -150,10 +159,10 @@ def read_timed_frames(
 ) -> Generator[TimedFrame]:
     """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
 
-    The images are rotated as the file's display matrix says, and the caller may write to them. Damaged frames are
-    skipped; if the frame rate is constant, their numbers are skipped too. In a video of variable rate that is not read
-    from its start, the first number follows from the average rate. `topic` is as for `inspect_video`. Raises
-    FileNotFoundError, or VideoError if the file is not a video, its frame size changes, or it ends before `start_s`.
+    The images are turned and mirrored as the file's display matrix says, and the caller may write to them. Damaged
+    frames are skipped; if the frame rate is constant, their numbers are skipped too. `topic` is as for `inspect_video`.
+    Raises FileNotFoundError, or VideoError if the file is not a video, its frame size changes, or it ends before
+    `start_s`.
     """
     start_s = require_number(start_s, "start_s")
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
@@ -179,8 +188,10 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
             if last is None:
                 rate, size = frame_rate(stream, path), _square_size(frame, stream)
                 converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
-                even = _rate_is_constant(rate, stream)
+                even = rate_is_constant(rate, stream)
                 number = round(time_s * rate)
+                if not even and start_s > 0 and frame.pts is not None:
+                    number = int(np.searchsorted(frame_stamps(path), frame.pts))
             else:
                 number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
             elapsed_s = None if last is None else float(time_s) - last.time_s
@@ -194,6 +205,7 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with few key frames, they are from
     the first one on.
     """
+    zero_s = start_time(path)
     for seek in (True, False) if start_s > 1 else (False,):
         with open_video(path) as container:
             stream = container.streams.video[0]
@@ -201,11 +213,11 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
             if seek:
                 try:
                     # one second early, because some containers seek coarsely
-                    at_s = start_s - 1 + start_time(stream, path)
+                    at_s = start_s - 1 + zero_s
                     container.seek(int(at_s / (stream.time_base or Fraction(1))), stream=stream)
                 except av.FFmpegError:  # a raw stream
                     continue
-            frames = _timed(decode_frames(container, stream), stream, frame_rate(stream, path), path)
+            frames = _timed(decode_frames(container, stream), zero_s, frame_rate(stream, path), path)
             first = next(frames, None)
             if first is None or (seek and first[1] > start_s - STAMP_TOLERANCE_S):
                 continue
@@ -214,34 +226,45 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
 
 
 def _timed(
-    frames: Iterator[av.VideoFrame], stream: av.VideoStream, rate: Fraction, path: str | Path
+    frames: Iterator[av.VideoFrame], zero_s: Fraction, rate: Fraction, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames with their times in seconds since the first, monotonic; raises VideoError if the size changes."""
-    first: av.VideoFrame | None = None
+    """Frames with their times in seconds since the first, at `zero_s`, monotonic; VideoError if the size changes."""
+    size: tuple[int, int] | None = None
     last_s: Fraction | None = None
     shift_s = Fraction(0)
-    zero_s = start_time(stream, path)
-    for frame in frames:
-        first = first or frame
-        if (frame.width, frame.height) != (first.width, first.height):
+    ahead: deque[av.VideoFrame] = deque()  # looked at where the time stamps leave their order
+    while frame := ahead.popleft() if ahead else next(frames, None):
+        size = size or (frame.width, frame.height)
+        if (frame.width, frame.height) != size:
             raise VideoError(
-                f"{path}: changes from {first.width}x{first.height} to {frame.width}x{frame.height} pixels at "
+                f"{path}: changes from {size[0]}x{size[1]} to {frame.width}x{frame.height} pixels at "
                 f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        time_s = after_s
-        if frame.pts is not None and frame.time_base is not None:
-            time_s = frame.pts * frame.time_base - zero_s + shift_s
-        if last_s is not None and time_s < last_s - CLOCK_RESET_S:
-            shift_s += after_s - time_s
-            time_s = after_s
+        time_s = _stamp_s(frame, zero_s - shift_s, after_s)
+        if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
+            ahead.extend(islice(frames, MAX_OUTLIERS - len(ahead)))
+            time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s - shift_s, after_s) for f in ahead])
+            if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
+                shift_s += after_s - time_s
+                time_s = after_s
         last_s = time_s if last_s is None else max(time_s, last_s)
         yield frame, last_s
 
 
-def _quarter_turns(frame: av.VideoFrame) -> int:
-    return round(frame.rotation / 90) % 4
+def _stamp_s(frame: av.VideoFrame, zero_s: Fraction, otherwise_s: Fraction) -> Fraction:
+    """Seconds from `zero_s` to the time stamp of a frame; `otherwise_s` without one."""
+    return otherwise_s if frame.pts is None or frame.time_base is None else frame.pts * frame.time_base - zero_s
+
+
+def _without_outlier(last_s: Fraction, time_s: Fraction, later: Sequence[Fraction]) -> Fraction:
+    """A time stamp after `last_s`, or one between it and a later stamp that follows it, if the first does not."""
+    for steps, later_s in enumerate(later, 2):
+        follows = last_s < later_s <= last_s + CLOCK_SET_S
+        if follows and not last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S:
+            return last_s + (later_s - last_s) / steps
+    return time_s
 
 
 def _upright_rgb(
@@ -255,7 +278,7 @@ def _upright_rgb(
             f"{path}: its colours cannot be converted to RGB (matrix {frame.colorspace} of Recommendation H.273, "
             f"{frame.format.name}); export it with the colours of BT.709."
         ) from error
-    return np.ascontiguousarray(np.rot90(image, _quarter_turns(frame)))
+    return make_upright(image, frame_orientation(frame))
 
 
 def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
@@ -266,25 +289,45 @@ def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int
     return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
 
 
-def _rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
-    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
+def _measure_stamps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> tuple[float, int]:
+    """Length in seconds from the first frame to the end of the last, and number of frames missing in between.
 
-
-def _count_gaps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> int:
-    """Number of frames missing between time stamps; 0 if some packets have none, or if the rate is not constant."""
-    tick, known = stream.time_base, [pts for pts in stamps if pts is not None]
-    if tick is None or len(known) < len(stamps) or not _rate_is_constant(rate, stream):
-        return 0
+    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers do not count, nor do the holes
+    between two recordings.
+    """
+    tick, known, length_s = stream.time_base, [pts for pts in stamps if pts is not None], float(len(stamps) / rate)
+    if tick is None or not known or len(known) < len(stamps):
+        return length_s, 0
     # in frames; floats, because thousands of fractions take longer than to read the file
-    steps = np.diff(np.sort(known)) * float(tick * rate)
-    if (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
-        return 0
-    return int(np.maximum(np.rint(steps) - 1, 0).sum())
+    order = np.argsort(known, kind="stable")
+    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > MAX_REORDERED
+    if away.mean() < MAX_SHORT_SHARE:
+        places = places[~away]
+    steps = np.diff(places)
+    steps[steps > CLOCK_SET_S * float(rate)] = 1
+    jumps = steps > JUMP_FRAMES
+    if not rate_is_constant(rate, stream) or (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
+        return (float((steps.sum() + 1) / rate) if jumps.any() else length_s), 0
+    gaps = np.maximum(np.rint(steps) - 1, 0)
+    length, outliers = len(places) + int(gaps.sum()), len(known) - len(places)
+    return float(length / rate), max(count_missing(gaps) - outliers, 0)
+
+
+def count_missing(gaps: np.ndarray) -> int:
+    """Number of frames missing in `gaps` (N,) between frames; longer ones than `JUMP_FRAMES` are no loss."""
+    return int(gaps[gaps <= JUMP_FRAMES].sum())
+
+
+def describe_jumps(time_s: np.ndarray, fps: float) -> str:
+    """What jumps in the times (N,) of frames mean, in words; empty without any."""
+    jumps = np.flatnonzero(np.diff(time_s) * fps > JUMP_FRAMES)
+    where = ", ".join(f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s" for k in jumps[:5])
+    return f"its clock jumps {where}: another recording begins there, and the tracker starts again" if where else ""
 
 
 def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
-    # In Matroska the duration counts from zero, in all others from the first packet.
-    begin = 0 if "matroska" in container.format.name else container.start_time or 0
+    # In Matroska and NUT the duration counts from zero, in all others from the first packet.
+    begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
     return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0

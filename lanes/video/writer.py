@@ -19,6 +19,8 @@ from lanes.errors import VideoError, require_number
 from lanes.files import atomic_write
 from lanes.images import require_rgb
 from lanes.video.container import (
+    CLOCK_RESET_S,
+    CLOCK_SET_S,
     MAX_FPS,
     MIN_FPS,
     decode_packet,
@@ -27,7 +29,7 @@ from lanes.video.container import (
     start_time,
     translate_errors,
 )
-from lanes.video.reader import CLOCK_RESET_S, STAMP_TOLERANCE_S, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 # Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
 COPIED_CODECS, SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
@@ -206,7 +208,7 @@ class SoundTrack:
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
         """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
         path = self._source.name.removeprefix("file:")
-        zero_s = self._start_s + float(start_time(self._source.streams.video[0], path))
+        zero_s = self._start_s + float(start_time(path))
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces: Iterator[Any] = read_packets(self._source, sound)
@@ -218,7 +220,7 @@ class SoundTrack:
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s
-            if time_s < last_s - CLOCK_RESET_S:
+            if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S and last_s > -math.inf:
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s

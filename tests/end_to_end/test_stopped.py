@@ -174,3 +174,19 @@ def test_closed_outputs(tmp_path):
     words = [*command_line.process("calibrate", *BOARDS, "-o", tmp_path / "lens.yaml")]
     assert subprocess.run(["sh", "-c", '"$@" >&- 2>&-', "sh", *words], cwd=ROOT).returncode == 0
     assert names(tmp_path) == {"lens.yaml"}
+
+
+@pytest.mark.parametrize("output", ["/dev/full", "closed pipe"])
+def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, output):
+    """A full disk behind `>`, and `| head` that has read enough; the exit status is that of the files."""
+    words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", tmp_path]
+    with Path("/dev/full").open("w") as full:
+        where = full if output == "/dev/full" else subprocess.PIPE
+        child = subprocess.Popen(command_line.process(*words), cwd=ROOT, stdout=where, stderr=subprocess.PIPE)
+    if child.stdout:
+        child.stdout.close()
+    with child:
+        err = child.stderr.read().decode()
+    assert (child.wait(), err) == (0, "")
+    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
+    assert inspect_video(tmp_path / "drive.mp4").frames == FRAMES

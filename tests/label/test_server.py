@@ -67,18 +67,43 @@ def test_no_other_file_is_served(session, path):
     assert status in (403, 404) and b"not served" not in content and b"import" not in content
 
 
-def test_nothing_is_cached(session):
+def test_an_index_without_a_still_is_not_found(session):
     assert session.ask("picture/1")[1].startswith(b"\x89PNG")
-    for number in ("still/7", "picture/2"):
-        assert session.ask(number)[0] == 500
+    for number in ("still/7", "picture/2", "ours/99999999999999999999"):
+        assert session.ask(number) == (404, b"There is no such still.")
+    assert session.ask("still/2", body={"points": [None, None], "save": True}) == (404, b"There is no such still.")
+
+
+def test_no_file_of_the_folder_becomes_a_page(folder, tmp_path):
+    """A picture may be anything that someone has put into the folder."""
+    (tmp_path / "page.png").write_text("<html><script>alert(1)</script></html>")
+    write_image(tmp_path / "still.jpg", BENDS.frame(0.0))
+    with labelling(tmp_path, "--camera", folder / "camera.yaml") as session:
+        status, content, headers = session.ask_with_headers("picture/0")
+        assert status == 200 and content.startswith(b"<html>")
+        assert (headers["Content-Type"], headers["X-Content-Type-Options"]) == ("image/png", "nosniff")
+        assert session.ask_with_headers("picture/1")[2]["Content-Type"] == "image/jpeg"
+        for path in ("still/0", "still/9", "label.js", "label.html"):
+            status, content, headers = session.ask_with_headers(path)
+            assert headers["X-Content-Type-Options"] == "nosniff"
+            if status >= 400:
+                assert headers["Content-Type"] == "text/plain; charset=utf-8"
+                assert b"Traceback" not in content and b"index" not in content
 
 
 def test_marks_that_are_none_are_refused_with_a_sentence(session, folder):
-    for points in (3, [[]], [[[1, 2, 3]], []], [[["a", "b"], [1, 2]], []]):
+    """At once: points far outside of the picture once cost a minute and all memory."""
+    began_s = time.monotonic()
+    bad = [3, [[]], [[[1, 2, 3]], []], [[["a", "b"], [1, 2]], []], [[[1e9, 2e9], [1, 1]], []], [[[1, -1e9]], None]]
+    bad += [[[[float("nan"), 1]], None], [[[1, 1]] * 5000, None], {"a": 1, "b": 2}, None]
+    for points in bad:
         status, content = session.mark(1, points)
-        assert status == 500 and content and not content.startswith(b"<"), points
+        assert status == 400 and content.startswith(b"Marks are "), points
+    for body in (3, [], {"points": [None, None]}, {"points": [None, None], "save": True, "more": 1}):
+        assert session.ask("still/1", body=body)[0] == 400
+    assert time.monotonic() - began_s < 5
     status, content = session.mark(1, [[[1, 2]], None], save=True)
-    assert status == 500 and b"two or more points, or as not visible" in content
+    assert status == 400 and b"two or more points, or as not visible" in content
     assert not (folder / "labels.jsonl").exists() or "1.png" not in (folder / "labels.jsonl").read_text()
 
 
@@ -95,9 +120,12 @@ def test_our_lines_come_only_after_the_label_is_saved(session):
     theirs, found = np.array(label["lanes"]), np.array(ours["lanes"][:2])
     both = (theirs >= 0) & (found >= 0)
     assert both.sum() > 30 and np.median(np.abs(theirs - found)[both]) < 2
-    session.mark(0, [points[0], None])  # an unsaved change hides them again
-    assert "lanes" not in json.loads(session.ask("ours/0")[1])
-    session.mark(0, points, save=True)
+    # a reloaded page and a second one have no other right
+    assert json.loads(session.ask("still/0")[1])["compared"] is True
+    for save in (False, True):
+        status, content = session.mark(0, [points[0], None], save=save)
+        assert (status, content) == (400, b"Our lines were shown, so this label stays as it is.")
+    assert json.loads(session.ask("still/0")[1])["points"] == points
 
 
 def test_a_failed_comparison_is_a_sentence_and_the_session_goes_on(tmp_path):

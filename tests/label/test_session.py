@@ -82,7 +82,50 @@ def test_a_failed_write_leaves_the_labels_as_they_were(folder, monkeypatch):
     with pytest.raises(OSError, match="labels.jsonl: cannot be written"):
         kept.mark(1, [LEFT, RIGHT], save=True)
     assert (folder / "labels.jsonl").read_bytes() == before
-    assert names(folder) == {"a.png", "c.png", "sub", "labels.jsonl", "unsaved.jsonl"}
+    assert names(folder) == {"a.png", "c.png", "sub", "labels.jsonl"}
+    # what the page shows is what is on the disk
+    assert kept.saved() == session(folder).saved() == [True, False]
+    with pytest.raises(OSError, match="unsaved.jsonl: cannot be written"):
+        kept.mark(1, [LEFT, []], save=False)
+    assert kept.label(1)["points"] == [[], []]
+    monkeypatch.undo()
+    assert kept.mark(1, [LEFT, RIGHT], save=True)["saved"] == session(folder).saved() == [True, True]
+
+
+def test_what_another_program_writes_meanwhile_stays(folder):
+    """Its lines are merged; a still that it has labelled is not overwritten."""
+    kept, path = session(folder), folder / "labels.jsonl"
+    kept.mark(0, [LEFT, RIGHT], save=True)
+    added = {"raw_file": "c.png", "h_samples": [1, 2], "lanes": [[5, 6]], "mine": "note"}
+    with path.open("a") as file:
+        file.write(json.dumps(added) + "\n")
+    kept.mark(0, [LEFT, None], save=True)
+    first, second = map(json.loads, path.read_text().splitlines())
+    assert first["points"] == [LEFT, None] and second == added
+    theirs = {"raw_file": "sub/b.png", "h_samples": [1, 2], "lanes": [[7, 8]]}
+    path.write_text(path.read_text() + json.dumps(theirs) + "\n")
+    with pytest.raises(LaneError, match="sub/b.png: another program changed its label in labels.jsonl; open this st"):
+        kept.mark(1, [LEFT, RIGHT], save=True)
+    assert json.loads(path.read_text().splitlines()[2]) == theirs
+    assert kept.label(1)["lanes"] == [[7, 8]]  # opened again, it can be changed
+    assert kept.mark(1, [LEFT, RIGHT], save=True)["saved"] == [True, True]
+    path.write_text("{")
+    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
+        kept.mark(1, [LEFT, None], save=True)
+    assert path.read_text() == "{"
+
+
+def test_a_label_that_was_compared_stays_as_it_is(folder):
+    """Also in a later session."""
+    kept = session(folder)
+    kept.mark(0, [LEFT, RIGHT], save=True)
+    kept.compare(0)
+    for later in (kept, session(folder)):
+        for save in (False, True):
+            with pytest.raises(LaneError, match="Our lines were shown, so this label stays as it is"):
+                later.mark(0, [LEFT, None], save=save)
+    assert session(folder).label(0)["points"] == [LEFT, RIGHT]
+    assert (read_labels(folder / "labels.jsonl")[0].columns[1] >= 0).any()
 
 
 @pytest.mark.parametrize("text", ["{", "[1]\n", '{"lanes": []}\n'])

@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from email.message import Message
 from http.client import HTTPConnection
 
 import numpy as np
@@ -29,11 +30,17 @@ class Labelling:
 
     def ask(self, path: str, *, body: object = None, root: str | None = None, **headers: str) -> tuple[int, bytes]:
         """Status and content of an answer; a POST with a `body`."""
+        return self.ask_with_headers(path, body=body, root=root, **headers)[:2]
+
+    def ask_with_headers(
+        self, path: str, *, body: object = None, root: str | None = None, **headers: str
+    ) -> tuple[int, bytes, Message]:
+        """As `ask`, with the headers of the answer."""
         connection = HTTPConnection("127.0.0.1", int(self.port), timeout=SHUT_DOWN_S)
         data = None if body is None else json.dumps(body)
         connection.request("GET" if body is None else "POST", (root or self.root) + path, data, headers)
         answer = connection.getresponse()
-        return answer.status, answer.read()
+        return answer.status, answer.read(), answer.headers
 
     def mark(self, number: int, points: list, *, save: bool = False) -> tuple[int, bytes]:
         return self.ask(f"still/{number}", body={"points": points, "save": save})

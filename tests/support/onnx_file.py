@@ -24,26 +24,44 @@ def write_model(
     *,
     sigmoid: bool = False,
     size: tuple[int, int] | None = None,
+    last: str = "",
+    pixels: bool = False,
+    weights_in: str = "",
 ) -> Path:
     """Write a network with an output for each of `outputs`: weights (channels, 3, k, k) and bias (channels,).
 
     `entries` are those of the YAML file, which is not written if they are None. `size` (width, height) is that of the
-    input; any size without it. With `sigmoid` the outputs are its values.
+    input; any size without it. With `sigmoid` the outputs are its values. Channels are the last axis of what `last`
+    names: "input", "output" or both. With `pixels` the input is uint8, which the weights must allow for. With
+    `weights_in` the weights are in a second file of this name, as ONNX's external data.
     """
-    nodes, weights, results = [], [], []
+    nodes, weights, results, image, blob = [], [], [], "image", bytearray()
+    if pixels:
+        nodes.append(_node("Cast", [image], "floats", [_field(1, "to") + _field(3, FLOAT) + _field(20, 2)]))
+        image = "floats"
+    if "input" in last:
+        nodes.append(_node("Transpose", [image], "first", [_integers("perm", [0, 3, 1, 2])]))
+        image = "first"
     for name, (kernel, bias) in outputs.items():
-        of_convolution = f"{name} logits" if sigmoid else name
+        of_convolution = f"{name} logits" if sigmoid or "output" in last else name
         pads = [_integers("pads", [kernel.shape[-1] // 2] * 4), _integers("kernel_shape", kernel.shape[-2:])]
-        nodes.append(_node("Conv", ["image", f"{name} kernel", f"{name} bias"], of_convolution, pads))
-        weights += [_tensor(f"{name} kernel", kernel), _tensor(f"{name} bias", bias)]
+        nodes.append(_node("Conv", [image, f"{name} kernel", f"{name} bias"], of_convolution, pads))
+        for part, values in (("kernel", kernel), ("bias", bias)):
+            weights.append(_tensor(f"{name} {part}", values, blob if weights_in else None, weights_in))
         if sigmoid:
             nodes.append(_node("Sigmoid", [of_convolution], name, []))
-        results.append(_value(name, [1, len(bias), None, None]))
+        if "output" in last:
+            nodes.append(_node("Transpose", [of_convolution], name, [_integers("perm", [0, 2, 3, 1])]))
+        shape = [1, None, None, len(bias)] if "output" in last else [1, len(bias), None, None]
+        results.append(_value(name, shape))
     width, height = size or (None, None)
+    shape = [1, height, width, 3] if "input" in last else [1, 3, height, width]
     graph = b"".join(_field(1, node) for node in nodes) + _field(2, "graph")
-    graph += b"".join(_field(5, tensor) for tensor in weights) + _field(11, _value("image", [1, 3, height, width]))
+    graph += b"".join(_field(5, tensor) for tensor in weights) + _field(11, _value("image", shape, 2 if pixels else 1))
     graph += b"".join(_field(12, result) for result in results)
     file.write_bytes(_field(1, 8) + _field(7, graph) + _field(8, _field(1, "") + _field(2, 13)))
+    if weights_in:
+        (file.parent / weights_in).write_bytes(blob)
     if entries is not None:
         file.with_suffix(".yaml").write_text(yaml.safe_dump(entries))
     return file
@@ -82,12 +100,18 @@ def _integers(name: str, values: list[int] | tuple[int, ...]) -> bytes:
     return _field(1, name) + b"".join(_field(8, int(value)) for value in values) + _field(20, 7)
 
 
-def _tensor(name: str, values: np.ndarray) -> bytes:
-    dimensions = b"".join(_field(1, int(size)) for size in values.shape)
-    return dimensions + _field(2, FLOAT) + _field(8, name) + _field(9, values.astype("<f4").tobytes())
+def _tensor(name: str, values: np.ndarray, blob: bytearray | None = None, location: str = "") -> bytes:
+    """A tensor with its values, or with the place where they are appended to `blob`, the content of `location`."""
+    data = values.astype("<f4").tobytes()
+    head = b"".join(_field(1, int(size)) for size in values.shape) + _field(2, FLOAT) + _field(8, name)
+    if blob is None:
+        return head + _field(9, data)
+    place = {"location": location, "offset": str(len(blob)), "length": str(len(data))}
+    blob += data
+    return head + b"".join(_field(13, _field(1, key) + _field(2, text)) for key, text in place.items()) + _field(14, 1)
 
 
-def _value(name: str, shape: list[int | None]) -> bytes:
+def _value(name: str, shape: list[int | None], kind: int = FLOAT) -> bytes:
     sizes = (_field(2, "any") if size is None else _field(1, size) for size in shape)
-    tensor = _field(1, FLOAT) + _field(2, b"".join(_field(1, size) for size in sizes))
+    tensor = _field(1, kind) + _field(2, b"".join(_field(1, size) for size in sizes))
     return _field(1, name) + _field(2, _field(1, tensor))

@@ -71,11 +71,16 @@ def make_video(path: Path, frames: int = 25, *, size=SIZE, **settings) -> Path:
 
 
 def set_rotation(source: Path, target: Path, degrees: int) -> None:
-    """Write the matrix of a clockwise turn into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
+    """Write the matrix of a clockwise turn into the track header of an mp4."""
+    cos, sin = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
+    set_matrix(source, target, cos, sin, -sin, cos)
+
+
+def set_matrix(source: Path, target: Path, a: int, b: int, c: int, d: int) -> None:
+    """Write a display matrix into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
     data = bytearray(source.read_bytes())
     at = data.index(b"tkhd") + 4 + 4 + 20 + 16
-    cos, sin = {90: (0, 1), 180: (-1, 0), 270: (0, -1)}[degrees]
-    data[at : at + 36] = struct.pack(">9i", cos << 16, sin << 16, 0, -sin << 16, cos << 16, 0, 0, 0, 1 << 30)
+    data[at : at + 36] = struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
     target.write_bytes(data)
 
 

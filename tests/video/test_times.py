@@ -1,0 +1,202 @@
+"""Times of frames: AVI with dropped frames, late and early sound, two recordings on one clock, outliers of time.
+
+The files go through `annotate`; its table and its video must have each frame at its own time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from lanes.camera import Camera, CameraPose, save_camera
+from lanes.files import read_telemetry
+from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.writer import VideoWriter
+from tests.support.avi_file import encode_chunks, uncoded_frame, write_avi
+from tests.support.command_line import main
+from tests.video.sample_videos import SIZE, number_of, numbered, tone_starts_s
+
+
+@pytest.fixture
+def annotate(tmp_path, capsys):
+    """A function that annotates a video; returns frame numbers, times, what was said, and the annotated video."""
+    save_camera(Camera.from_fov(SIZE, 60, CameraPose(1.3)), tmp_path / "camera.yaml")
+
+    def run(video: Path, *options: object) -> tuple[list[int], np.ndarray, str, Path]:
+        words = "annotate", "--camera", tmp_path / "camera.yaml", video, "-o", tmp_path / "out", *options
+        assert main([str(word) for word in words]) == 0, capsys.readouterr().err
+        table = read_telemetry(tmp_path / "out" / f"{video.stem}.csv")
+        out = tmp_path / "out" / f"{video.stem}.mp4"
+        return table["frame"].astype(int).tolist(), table["time_s"], capsys.readouterr().out, out
+
+    return run
+
+
+# --- AVI: the place of a chunk is its time
+
+DROPPED = {*range(40, 46), *range(70, 78)}
+KEPT = [number for number in range(120) if number not in DROPPED]
+TONE_FRAME = 100
+CODECS = {
+    "MJPEG": ("mjpeg", "yuvj420p", "MJPG", {}),
+    "MPEG-4": ("mpeg4", "yuv420p", "FMP4", {"g": "12"}),
+    "XviD with B frames": ("mpeg4", "yuv420p", "XVID", {"g": "12", "bf": "2"}),
+    "H.264": ("libx264", "yuv420p", "H264", {"g": "12", "bf": "0"}),
+    "H.264 with B frames": ("libx264", "yuv420p", "H264", {"g": "12", "bf": "3"}),
+}
+FILLERS = {"empty": b"", "one byte": b"\x7f", "a JPEG without image": b"\xff\xd8\xff\xd9"}
+
+
+@pytest.mark.parametrize(
+    ("codec", "filler"),
+    [(codec, "empty") for codec in CODECS]
+    + [("MJPEG", "a JPEG without image"), ("MPEG-4", "not coded"), ("XviD with B frames", "one byte")]
+    + [("MPEG-4", "one byte")],
+)
+def test_frames_of_avi_keep_their_times_beside_dropped_ones(tmp_path, annotate, codec, filler):
+    """A recorder that drops a frame writes an empty chunk, or one that completes no frame."""
+    name, pixels, fourcc, options = CODECS[codec]
+    chunks, delay = encode_chunks({number: numbered(number) for number in KEPT}, name, pixels, **options)
+    fill = uncoded_frame if filler == "not coded" else lambda _: FILLERS[filler]
+    video = write_avi(
+        tmp_path / "drive.avi",
+        [chunks[place] if place in chunks else fill(place) for place in range(max(chunks) + 1)],
+        fourcc,
+        SIZE,
+        tone_from=TONE_FRAME + delay,
+    )
+    frames = list(read_timed_frames(video))
+    assert [number_of(frame.image) for frame in frames] == [frame.number for frame in frames] == KEPT
+    for start_s in (0.0, 1.48, 3.36):
+        numbers, times_s, said, out = annotate(video, "--start", start_s)
+        assert numbers == [number for number in KEPT if number >= 25 * start_s]
+        np.testing.assert_allclose(times_s, np.array(numbers) / 25, atol=1e-3)
+        dropped = sum(number > 25 * start_s for number in DROPPED)
+        assert (f"({dropped} more are damaged or missing" in said) == (dropped > 0)
+        assert start_s + tone_starts_s(out) == pytest.approx(TONE_FRAME / 25, abs=0.03)
+
+
+# --- sound that begins before or after the picture
+
+
+def write_with_sound(path: Path, codecs: tuple[str, str], picture_s: float, sound_s: float, frames: int = 75) -> Path:
+    """Numbered frames from `picture_s` on, sound from `sound_s` on, on one clock; a tone two seconds after frame 0."""
+    codec, sound = codecs
+    with av.open(str(path), "w") as container:
+        video = container.add_stream(codec, rate=25, options={"bf": "2", "g": "12"} if codec == "libx264" else {})
+        video.width, video.height = SIZE
+        video.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+        audio = container.add_stream(sound, rate=48000, layout="mono")
+        moments = [(picture_s + number / 25, number, None) for number in range(frames)]
+        moments += [(sound_s + k / 50, None, k) for k in range(round(50 * (picture_s + frames / 25 - sound_s)))]
+        for time_s, number, _ in sorted(moments, key=lambda moment: moment[0]):
+            if number is not None:
+                frame = av.VideoFrame.from_ndarray(numbered(number)).reformat(format=video.pix_fmt)
+                frame.pts, frame.time_base = round(25 * time_s), Fraction(1, 25)
+                container.mux(video.encode(frame))
+                continue
+            at_s = time_s + np.arange(960) / 48000
+            wave = 0.5 * np.sin(2 * np.pi * 440 * at_s) * (at_s > picture_s + 2 - 1e-6)
+            piece = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
+            piece.sample_rate, piece.pts, piece.time_base = 48000, round(48000 * time_s), Fraction(1, 48000)
+            container.mux(audio.encode(piece))
+        container.mux(video.encode(None))
+        container.mux(audio.encode(None))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codecs", "picture_s", "sound_s"),
+    [
+        # FFmpeg looks for the first frame in the first five seconds only
+        ("mkv", ("libx264", "aac"), 6.0, 0.0),
+        ("mkv", ("mjpeg", "pcm_s16le"), 7.0, 1.0),
+        ("mkv", ("mpeg4", "libmp3lame"), 1.0, 0.0),
+        ("webm", ("libvpx-vp9", "libopus"), 6.0, 0.0),
+        ("mkv", ("libx264", "flac"), 0.0, 1.0),
+        ("mp4", ("libx264", "aac"), 6.0, 0.0),
+        ("mov", ("libx264", "aac"), 1.0, -0.5),
+        ("ts", ("libx264", "aac"), 3.0, 2.0),
+    ],
+)
+def test_sound_is_in_step_whenever_it_starts(tmp_path, annotate, suffix, codecs, picture_s, sound_s):
+    video = write_with_sound(tmp_path / f"drive.{suffix}", codecs, picture_s, sound_s)
+    for start_s in (0.0, 1.2):
+        numbers, times_s, _, out = annotate(video, "--start", start_s, "--no-report")
+        assert numbers == list(range(round(25 * start_s), 75))
+        np.testing.assert_allclose(times_s, np.array(numbers) / 25, atol=2e-3)
+        assert start_s + tone_starts_s(out) == pytest.approx(2.0, abs=0.03)
+
+
+# --- clocks that jump
+
+
+def write_stamped(path: Path, times_s: Sequence[float], *, decoded_s: Sequence[float] | None = None) -> Path:
+    """Numbered frames with these presentation times; `decoded_s` are the times of decoding, by default the same."""
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"preset": "ultrafast", "g": "12"})
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        frames = [av.VideoFrame.from_ndarray(numbered(n)).reformat(format="yuv420p") for n in range(len(times_s))]
+        packets = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+        for packet, time_s, at_s in zip(packets, times_s, decoded_s or times_s, strict=True):
+            packet.time_base, packet.pts, packet.dts = Fraction(1, 90_000), round(90_000 * time_s), round(90_000 * at_s)
+            packet.stream = stream
+            container.mux(packet)
+    return path
+
+
+EVEN_S = [number / 25 for number in range(100)]
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "mp4", "ts"])
+def test_a_second_recording_on_the_same_clock_comes_after_a_gap(tmp_path, annotate, suffix):
+    """Two hours later: they are no missing frames, and the part after the gap can be named."""
+    times_s = [time_s + (7200 if time_s >= 2 else 0) for time_s in EVEN_S]
+    video = write_stamped(tmp_path / f"drive.{suffix}", times_s)
+    info = inspect_video(video)
+    assert (info.fps, info.frames, info.missing, info.duration_s) == (25, 100, 0, 7204)
+    _, found_s, said, out = annotate(video)
+    np.testing.assert_allclose(found_s, times_s, atol=2e-3)
+    assert "100 frames, lane" in said and "missing" not in said
+    assert "its clock jumps by 7200 s after 2.0 s: another recording begins there" in said
+    np.testing.assert_allclose([frame.time_s for frame in read_timed_frames(out)], times_s, atol=2e-3)
+    frames = list(read_timed_frames(video, start_s=7202.4))
+    assert [number_of(frame.image) for frame in frames] == list(range(60, 100))
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "ts"])
+@pytest.mark.parametrize(("wrong", "by_s"), [((40,), 7200.0), ((40, 41, 42), 30.0), ((3, 30, 60), 1.0), ((50,), 9e4)])
+def test_single_wrong_times_are_repaired(tmp_path, annotate, suffix, wrong, by_s):
+    times_s = [time_s + (by_s if number in wrong else 0) for number, time_s in enumerate(EVEN_S)]
+    numbers, found_s, said, _ = annotate(write_stamped(tmp_path / f"drive.{suffix}", times_s, decoded_s=EVEN_S))
+    assert numbers == list(range(100)) and "missing" not in said
+    np.testing.assert_allclose(found_s, EVEN_S, atol=2e-3)
+
+
+@pytest.mark.parametrize("set_at", [1, 60])
+def test_a_clock_that_is_set_to_the_time_of_day_goes_on(tmp_path, annotate, set_at):
+    """NTP counts from 1900: a gap of that length cannot be written."""
+    times_s = [time_s + (3.9e9 if number >= set_at else 0) for number, time_s in enumerate(EVEN_S)]
+    numbers, found_s, said, _ = annotate(write_stamped(tmp_path / "drive.mkv", times_s))
+    assert numbers == list(range(100)) and "missing" not in said
+    np.testing.assert_allclose(found_s, EVEN_S, atol=2e-3)
+
+
+def test_a_part_of_a_variable_rate_has_the_true_frame_numbers(tmp_path, annotate):
+    """30 frames a second for two seconds, then eight, then 24."""
+    times_s = np.concatenate([np.arange(60) / 30, 2 + np.arange(8) / 8, 3 + np.arange(30) / 24])
+    with VideoWriter(tmp_path / "drive.mp4", fps=24) as writer:
+        for number, time_s in enumerate(times_s):
+            writer.write(numbered(number), time_s)
+    for start_s in (0.5, 2.1, 3.5):
+        numbers, found_s, *_ = annotate(tmp_path / "drive.mp4", "--start", start_s)
+        assert numbers == np.flatnonzero(times_s >= start_s).tolist()
+        np.testing.assert_allclose(found_s, times_s[numbers], atol=1e-3)
+        frames = read_timed_frames(tmp_path / "drive.mp4", start_s=start_s)
+        assert [number_of(frame.image) for frame in frames] == numbers
