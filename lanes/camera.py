@@ -505,7 +505,9 @@ def require_camera_offset(offset_m: object) -> float:
     """The position of a camera left of the middle of its car; raises CameraError if no car is as wide."""
     offset_m = require_number(offset_m, "camera_offset_m")
     if abs(offset_m) > MAX_OFFSET_M:
-        raise CameraError(f"a camera {offset_m:g} m beside the middle of the car is not plausible; give -2 to 2 metres.")
+        raise CameraError(
+            f"a camera {offset_m:g} m beside the middle of the car is not plausible; give -2 to 2 metres."
+        )
     return offset_m
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import HFOV_RANGE_DEG, Camera, camera_from_dict
+from lanes.camera import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_from_dict
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
@@ -32,17 +32,25 @@ FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 class FieldOfView:
     """A horizontal field of view, and its source as text.
 
-    If it is `assumed`, which is a default and not a measurement, it is that of the longer side of the image.
+    If it is `assumed`, which is a default and not a measurement, it is that of the longer side of the image. `lens` is
+    as for `Camera.from_fov`; None for a narrow view, and for one that a calibration gives.
     """
 
     hfov_deg: float
     source: str
     assumed: bool = False
+    lens: str | None = None
 
     @property
     def words(self) -> str:
         """Text such as "field of view 62.6 deg, as a.jpg says (EXIF)"."""
-        return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}"
+        lens = f", {self.lens} lens" if self.lens else ""
+        return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}{lens}"
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the numbers that depend on it may be very wrong: it is assumed, or wide and not calibrated."""
+        return self.assumed or bool(self.lens and self.hfov_deg > WIDE_HFOV_DEG)
 
     def across(self, size: tuple[int, int]) -> float:
         """Horizontal field of view in degrees of images of `size` (width, height)."""
@@ -52,13 +60,34 @@ class FieldOfView:
         return float(np.degrees(2 * np.arctan(np.tan(np.radians(self.hfov_deg) / 2) * width / height)))
 
     def describe(self) -> str:
-        """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
+        """One sentence with value and source; if it is doubtful also the effect of an error and what to do."""
+        if self.doubtful and not self.assumed:
+            return f"{self.words}. {self._describe_wide()}"
         effect = (
             f", {self.source}; it is that of the longer side. Offset and lane width do not depend on it, but distances "
             "and curvature do: if the true "
             "value is 50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
         )
         return f"{self.words}{effect if self.assumed else ''}"
+
+    def _describe_wide(self) -> str:
+        """What a wide field of view alone does not say, and what to do."""
+        half_rad = np.radians(self.hfov_deg) / 2
+        ratio = float(np.tan(half_rad) / half_rad)  # of the focal lengths in the middle of the image
+        other, size = (LENSES[0], "shorter") if self.lens == LENSES[1] else (LENSES[1], "longer")
+        remedy = "as in images of action cameras, where straight edges are bent, give --hfov with --lens equidistant"
+        if other == LENSES[0]:
+            remedy = "if straight edges are straight up to the image border, give --lens pinhole"
+        return (
+            f"The angle does not say how the lens maps such a wide view: the focal length of the other model ({other}) "
+            f"is {ratio:.1f} times {size}, with {ratio**2:.1f} times as much or as little curvature; {remedy}. "
+            "Offset and lane width do not depend on it. Give --boards for all numbers."
+        )
+
+
+def given_field_of_view(hfov_deg: float, lens: str | None = None) -> FieldOfView:
+    """A field of view from the command; a wide one is that of an equidistant lens, unless the lens is given."""
+    return FieldOfView(hfov_deg, GIVEN, lens=lens or (LENSES[1] if hfov_deg > WIDE_HFOV_DEG else None))
 
 
 def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
@@ -88,29 +117,50 @@ def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
 
 def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
     """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`."""
+    reason = "because neither the command nor the files name one"
     for file in files:
-        if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
-            return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
+        if kind_of_file(file) == "picture":
+            hfov_deg, why_not = _read_exif(file)
+            if hfov_deg:  # it refers to a lens without distortion
+                lens = LENSES[0] if hfov_deg > WIDE_HFOV_DEG else None
+                return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)", lens=lens)
+            reason = f"because {file.name} {why_not}" if why_not else reason
         with suppress(OSError, LaneError):  # raised again when the log is read
             if camera := read_log_camera(file, topic):
                 return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
-    return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
+    return FieldOfView(DEFAULT_HFOV_DEG, reason, assumed=True)
 
 
 def read_hfov(still: str | Path) -> float | None:
     """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
 
-    They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001).
+    They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001) of the image
+    that the camera took. That of a part of it is less.
     """
+    return _read_exif(still)[0]
+
+
+def _read_exif(still: str | Path) -> tuple[float | None, str]:
+    """See `read_hfov`; also why the focal length in the entries is not used, or nothing."""
     # Imported here, because it is needed only for stills without other information about the lens.
     from PIL import ExifTags, Image
 
     try:
         require_file(still, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
-            focal_mm = float(image.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm])
-            width, height = np.abs(upright_axes(orientation_of(image))) @ image.size
-        hfov_deg = float(np.degrees(2 * np.arctan(width / np.hypot(width, height) * FILM_DIAGONAL_MM / 2 / focal_mm)))
+            entries, size = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
+            focal_mm = float(entries[ExifTags.Base.FocalLengthIn35mmFilm])
+            names = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
+            taken = tuple(int(entries.get(name) or side) for name, side in zip(names, size, strict=True))
+            if taken == size[::-1]:  # turned by a program
+                taken = size
+            width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
+        diagonal_px = float(np.hypot(*taken))
+        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * FILM_DIAGONAL_MM / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
-        return None
-    return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
+        return None, ""
+    # only a part with one side of the whole image was surely cut out and not resized
+    if taken != size and not (any(np.equal(taken, size)) and all(np.less_equal(size, taken))):
+        of = f"{size[0]}x{size[1]} pixels, but its EXIF entries are those of {taken[0]}x{taken[1]}"
+        return None, f"has {of}: it was cropped or resized, which they do not say"
+    return (hfov_deg, "") if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else (None, "")

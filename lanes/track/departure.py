@@ -41,14 +41,14 @@ class Departure:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def watch_departure(lane: np.ndarray, motion: CarMotion) -> Departure:
-    """Time to line crossing of a car in a lane (15,).
+def watch_departure(lane: np.ndarray, motion: CarMotion, camera_offset_m: float = 0.0) -> Departure:
+    """Time to line crossing of a car in a lane (15,), which is relative to its camera (`Camera.offset_m`).
 
     A warning is due only if the car would also cross the line with its course and its turning one standard deviation
     nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
     first positive root.
     """
-    left_m, right_m = (line_coefficients(lane, side)[0] for side in (LEFT_SIDE, RIGHT_SIDE))
+    left_m, right_m = (line_coefficients(lane, side)[0] + camera_offset_m for side in (LEFT_SIDE, RIGHT_SIDE))
     left, right = left_m - HALF_TRACK_M, -right_m - HALF_TRACK_M
     speed, heading = motion.speed_mps, float(lane[HEADING]) - motion.course_rad
     turning = float(lane[CURVATURE]) - motion.path_per_m
