@@ -84,7 +84,7 @@ class DriveSettings:
             raise CameraError(f"{file}: {error}") from error
 
     def ensure_pose(self, camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
-        """As `lanes.pose.ensure_pose`, with the given height or lane width; CameraError if the pose is known already."""
+        """As `lanes.pose.ensure_pose`, with the given height or lane width; CameraError if the camera has a pose."""
         if camera.pose and (self.height_m or self.lane_width_m):
             raise CameraError(
                 "the camera file holds a pose; omit --height and --lane-width, or estimate it again with `pose`."
@@ -301,6 +301,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
+    if info.note:
+        lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):

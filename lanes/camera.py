@@ -202,6 +202,11 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
+    def cropped(self, left_px: int, top_px: int, size: tuple[int, int]) -> Camera:
+        """The same camera for a part of its images of `size` (width, height), from this column and row on."""
+        matrix = self.matrix - [[0, 0, left_px], [0, 0, top_px], [0, 0, 0]]
+        return replace(self, width=size[0], height=size[1], matrix=matrix)
+
     def turned(self, orientation: int) -> Camera:
         """The camera of the upright images, if this one is that of the images as stored with an EXIF orientation.
 

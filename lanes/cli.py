@@ -13,7 +13,6 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
@@ -27,7 +26,7 @@ from lanes.draw import STYLES
 from lanes.errors import CameraError, LaneError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
-from lanes.files import require_no_input_among
+from lanes.files import MESSAGES_SUFFIX, require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.labels import read_labels, read_predictions
 from lanes.many import annotate_many
@@ -91,6 +90,7 @@ class Pose:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
         add_lens(parser)
+        add_scale(parser)
         add_part(parser)
         words = "use at most N pictures (default: %(default)s)"
         parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
@@ -144,6 +144,7 @@ class Annotate:
         words = 'video, still, folder, or pattern such as "drives/*.mp4"'
         parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
         add_lens(parser, each=True)
+        add_scale(parser)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
         words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
@@ -197,6 +198,7 @@ class Detect:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
         add_lens(parser, each=True)
+        add_scale(parser)
         add_part(parser)
         words = "picture rows, TO excluded (default: %(default)s)"
         parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
@@ -252,6 +254,7 @@ class Explain:
         parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
         add_part(parser)
         add_lens(parser)
+        add_scale(parser)
         add_output(parser, "explained.png", "figure to write")
 
     @staticmethod
@@ -302,6 +305,7 @@ class Label:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
         add_lens(parser, each=True)
+        add_scale(parser)
         add_part(parser)
         parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
         parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
@@ -397,7 +401,7 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for lens and pose of the camera, --topic, --markings, and maybe --each."""
+    """Add the options for lens and place of the camera, --topic, --markings, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
@@ -412,13 +416,17 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     words = "how far the camera is left of the middle of the car, metres; < 0: right (default: that of the camera file)"
     limits = bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M)
     parser.add_argument("--camera-offset", dest="camera_offset_m", type=limits, metavar="M", help=words)
+    parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
+    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
+    parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
+
+
+def add_scale(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the scale of a pose that is estimated."""
     words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
     parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
     words = "measured height of the camera, metres, for a pose that is estimated"
     parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
-    parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
-    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
-    parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -447,8 +455,11 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     Prints the field of view of an uncalibrated lens, unless --hfov gives a usual one, or with --each all stills name
     theirs.
     """
-    if sources.skipped:
-        print(f"note: skipped, neither a video nor a picture: {_list_names(sources.skipped)}", file=sys.stderr)
+    own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
+    others = [path for path in sources.skipped if path not in own]
+    for what, paths in (("neither a video nor a picture", others), ("written by annotate", own)):
+        if paths:
+            print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
     if options.lens and options.hfov is None:
         raise ValueError("--lens is that of a field of view; give --hfov as well, or omit it.")
     camera = field = None

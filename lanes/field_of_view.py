@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +19,8 @@ from lanes.camera import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_f
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
-from lanes.video.robot_log import index_log, is_robot_log, open_log
+from lanes.video.log_reader import open_log
+from lanes.video.robot_log import index_log, is_robot_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
@@ -97,37 +98,70 @@ def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
     """
     if not is_robot_log(file):
         return None
-    space, _, images = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
-    with open_log(file) as (reader, deserialize):
-        info = reader.topics.get(f"{space}/camera_info")
-        if not info or not info.msgcount:
+    log = index_log(file, topic)
+    space, _, images = log.topic.removesuffix("/compressed").rpartition("/")
+    with open_log(file) as reader:
+        known = (reader.topics.get(f"{space}/{name}") for name in ("camera_info", "calibration"))
+        info = next((t for t in known if t and t.count and t.kind in ("CameraInfo", "CameraCalibration")), None)
+        if not info:
             return None
-        connection, _, data = next(reader.messages(info.connections))
-        message = vars(deserialize(data, connection.msgtype))
-    entries = {name.lower(): value for name, value in message.items()}  # some are upper case in ROS 1
-    if "rect" in images:
-        entries |= {"k": entries["p"].reshape(3, 4)[:, :3], "d": [], "distortion_model": ""}
-    lens = {"camera_matrix": {"data": entries["k"]}, "distortion_coefficients": {"data": entries["d"]}}
-    size = {"image_width": entries["width"], "image_height": entries["height"]}
+        _, message = next(reader.messages(info.name))
+    entries = {name.lower(): value for name, value in vars(message).items()}  # some are upper case in ROS 1
+    if not np.any(entries["k"]):  # not calibrated
+        return None
     try:
-        return camera_from_dict(entries | lens | size) if entries["k"].any() else None  # zero if not calibrated
-    except (TypeError, ValueError, OverflowError) as error:
+        return _camera_of(entries, log.size, rectified="rect" in images)
+    except (CameraError, TypeError, ValueError, OverflowError) as error:
         raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
 
 
+def _camera_of(entries: dict[str, Any], size: tuple[int, int], *, rectified: bool) -> Camera:
+    """The camera of images of `size` by the entries of a `camera_info`, whose matrices are those of the whole sensor.
+
+    The images are a part of it, the region of interest, in which `binning` pixels are one (REP 104); or all of it.
+    """
+    matrix, width, height = np.reshape(entries["k"], (3, 3)), int(entries["width"]), int(entries["height"])
+    lens = {"distortion_model": entries.get("distortion_model"), "distortion_coefficients": {"data": entries["d"]}}
+    if rectified:
+        matrix = np.reshape(entries["p"], (3, 4))[:, :3]
+        lens = {"distortion_coefficients": {"data": []}}
+    content = {"image_width": width, "image_height": height, "camera_matrix": {"data": matrix.ravel()}, **lens}
+    camera = camera_from_dict(content)
+    roi, binning = entries.get("roi"), [max(1, int(entries.get(name, 0))) for name in ("binning_x", "binning_y")]
+    left, top = (int(getattr(roi, name, 0)) for name in ("x_offset", "y_offset"))
+    part = int(getattr(roi, "width", 0)) or width, int(getattr(roi, "height", 0)) or height
+    recorded = part[0] // binning[0], part[1] // binning[1]
+    # some drivers state binning, but matrices and size of the binned image
+    if size == camera.size or (part == camera.size and binning == [1, 1]):
+        return camera
+    cropped = replace(camera.cropped(left, top, part), width=recorded[0] * binning[0], height=recorded[1] * binning[1])
+    if not cropped.has_aspect_of(size):
+        sizes = f"that of {recorded[0]}x{recorded[1]} pixels, but the images have {size[0]}x{size[1]}"
+        raise ValueError(f"it is {sizes}: they were cropped")
+    return cropped.scaled(size)
+
+
 def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
-    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`."""
+    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`.
+
+    Raises LaneError or OSError if all files are robot logs that cannot be used.
+    """
+    failures: list[OSError | LaneError] = []
     reason = "because neither the command nor the files name one"
-    for file in files:
+    for count, file in enumerate(files, 1):
         if kind_of_file(file) == "picture":
             hfov_deg, why_not = _read_exif(file)
             if hfov_deg:  # it refers to a lens without distortion
                 lens = LENSES[0] if hfov_deg > WIDE_HFOV_DEG else None
                 return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)", lens=lens)
             reason = f"because {file.name} {why_not}" if why_not else reason
-        with suppress(OSError, LaneError):  # raised again when the log is read
+        try:
             if camera := read_log_camera(file, topic):
                 return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
+        except (OSError, LaneError) as error:  # raised again when the log is read
+            failures.append(error)
+    if failures and len(failures) == count:
+        raise type(failures[0])("\n".join(map(str, failures)))
     return FieldOfView(DEFAULT_HFOV_DEG, reason, assumed=True)
 
 
@@ -151,7 +185,7 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
             entries, size = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
             focal_mm = float(entries[ExifTags.Base.FocalLengthIn35mmFilm])
             names = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
-            taken = tuple(int(entries.get(name) or side) for name, side in zip(names, size, strict=True))
+            taken = int(entries.get(names[0]) or size[0]), int(entries.get(names[1]) or size[1])
             if taken == size[::-1]:  # turned by a program
                 taken = size
             width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
@@ -160,7 +194,8 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None, ""
     # only a part with one side of the whole image was surely cut out and not resized
-    if taken != size and not (any(np.equal(taken, size)) and all(np.less_equal(size, taken))):
+    cut_out = (taken[0] == size[0] and taken[1] > size[1]) or (taken[1] == size[1] and taken[0] > size[0])
+    if taken != size and not cut_out:
         of = f"{size[0]}x{size[1]} pixels, but its EXIF entries are those of {taken[0]}x{taken[1]}"
         return None, f"has {of}: it was cropped or resized, which they do not say"
     return (hfov_deg, "") if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else (None, "")

@@ -1,8 +1,9 @@
 """The lane of a robot log as ROS 2 messages in an MCAP file, for Foxglove, RViz and PlotJuggler.
 
 They have the time stamps of the images. `/lane/lines` is a MarkerArray in the frame `base_link`, here the road frame: x
-forward, y left, z up, metres, from the road below the camera, or beside it at the middle of the car. The other topics are columns of the telemetry, with units
-in their names, one Float64 each, because every tool plots these; NaN if nothing is known.
+forward, y left, z up, metres, from the road below the camera, or beside it at the middle of the car. The other topics
+are columns of the telemetry, with units in their names, one Float64 each, because every tool plots these; NaN if
+nothing is known.
 """
 
 from __future__ import annotations
@@ -21,12 +22,10 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import road_height
 from lanes.draw import SHORTEST_M
-from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
+from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translate_write_errors
 from lanes.track.tracker import LaneTracker
 from lanes.video.robot_log import LogIndex
 
-# Suffix of the file, unlike that of a log.
-MESSAGES_SUFFIX = ".lane.mcap"
 TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
 TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
 # Shares of the reach of a line that have a point; width of lines; opacity of one that is seen, and of one that is not.
