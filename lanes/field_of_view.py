@@ -148,7 +148,8 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
     """
     failures: list[OSError | LaneError] = []
     reason = "because neither the command nor the files name one"
-    for count, file in enumerate(files, 1):
+    files = list(files)
+    for file in files:
         if kind_of_file(file) == "picture":
             hfov_deg, why_not = _read_exif(file)
             if hfov_deg:  # it refers to a lens without distortion
@@ -160,7 +161,7 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
                 return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
         except (OSError, LaneError) as error:  # raised again when the log is read
             failures.append(error)
-    if failures and len(failures) == count:
+    if failures and len(failures) == len(files):
         raise type(failures[0])("\n".join(map(str, failures)))
     return FieldOfView(DEFAULT_HFOV_DEG, reason, assumed=True)
 

@@ -43,8 +43,9 @@ def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
     Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Pictures and videos are distinguished by their names (`kind_of_file`). A file named directly
-    that is not a picture is read as a video. Raises FileNotFoundError for a name that stands for no file.
+    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Pictures and videos are distinguished by their names
+    (`kind_of_file`). A file named directly that is not a picture is read as a video. Raises FileNotFoundError for a
+    name that stands for no file.
     """
     files: dict[Path, str] = {}
     skipped: list[Path] = []

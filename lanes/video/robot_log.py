@@ -86,22 +86,19 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     if first is None:
         raise VideoError(f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG.")
     stamps_ns, recorded_ns = np.array(found, np.int64).T
-    stamps_ns, notes = _usable_stamps(stamps_ns, recorded_ns)
+    stamps_ns, outliers = _usable_stamps(stamps_ns, recorded_ns)
     order = np.argsort(stamps_ns, kind="stable")
     stamps_ns, recorded_ns = stamps_ns[order], recorded_ns[order]
     steps_s = np.diff(stamps_ns) / 1e9
-    if (jumps := steps_s > JUMP_S).any():
-        longest_s = steps_s.max()
-        notes.append(f"{jumps.sum()} jump{'s' * (jumps.sum() > 1)} in its times, of up to {longest_s:.0f} s, shortened")
-        steps_s[jumps] = SHORTENED_S
-    times_s = np.append(0, np.cumsum(steps_s))
+    jumps, note = steps_s > JUMP_S, _describe_times(outliers, steps_s)
+    steps_s[jumps] = SHORTENED_S
     fps = _usual_rate(steps_s)
     if not MIN_FPS <= fps <= MAX_FPS:
         raise VideoError(f"{path}: has {len(found)} images on {topic}, {fps:g} per second; name a log of a drive.")
     constant = (steps_s * fps < MIN_STEP).mean() <= MAX_SHORT_SHARE
     skipped = np.where(constant & ~jumps, np.maximum(np.rint(steps_s * fps), 1), 1)
-    numbers = np.append(0, np.cumsum(skipped)).astype(int)
-    size, bits, note = first.shape[1::-1], count_bits(peaks), "; ".join(notes)
+    times_s, numbers = np.append(0, np.cumsum(steps_s)), np.append(0, np.cumsum(skipped)).astype(int)
+    size, bits = first.shape[1::-1], count_bits(peaks)
     return LogIndex(topic, size, fps, stamps_ns, recorded_ns, times_s, numbers, order, bits, note)
 
 
@@ -134,28 +131,39 @@ def _stamp_ns(message: Any) -> int:
     return int(fields.get("sec", 0)) * 10**9 + int(fields.get("nanosec", fields.get("nsec", 0)))
 
 
-def _usable_stamps(stamps_ns: np.ndarray, recorded_ns: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """The stamps in the order of recording without outliers, or the times of the recording; and what was changed."""
-    if len(stamps_ns) > 2:
-        # a straight line beyond the ends: the median of what rises in order is itself
-        before, after = 2 * stamps_ns[0] - stamps_ns[2:0:-1], 2 * stamps_ns[-1] - stamps_ns[-2:-4:-1]
-        padded = np.concatenate([before, stamps_ns, after])
-        median_ns = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
-        outliers = np.abs(stamps_ns - median_ns) > 1e9 * max(OUTLIER_S, 3 * np.median(np.abs(np.diff(stamps_ns))) / 1e9)
-        good = np.flatnonzero(~outliers)
-        if outliers.any() and len(good) > 1:
-            at = np.arange(len(stamps_ns))
-            base = stamps_ns[good[0]]  # floats of times since 1970 are exact to 0.2 us only
-            stamps_ns = base + np.rint(np.interp(at, good, (stamps_ns[good] - base).astype(float))).astype(np.int64)
-            note = [f"{outliers.sum()} stamps far from those of the images around them replaced"]
-        else:
-            note = []
-    else:
-        note = []
+def _usable_stamps(stamps_ns: np.ndarray, recorded_ns: np.ndarray) -> tuple[np.ndarray, int]:
+    """The stamps in the order of recording, and how many outliers were replaced; or the times of the recording."""
+    outliers = _find_outliers(stamps_ns)
+    good = np.flatnonzero(~outliers)
+    if outliers.any() and len(good) > 1:
+        # from the first one on, because floats of nanoseconds since 1970 have steps of 256
+        base = stamps_ns[good[0]]
+        between = np.interp(np.arange(len(stamps_ns)), good, (stamps_ns[good] - base).astype(float))
+        stamps_ns = np.where(outliers, base + np.rint(between).astype(np.int64), stamps_ns)
     restarts = (np.maximum.accumulate(stamps_ns) - stamps_ns).max() > 1e9 * CLOCK_RESET_S
     if not stamps_ns.all() or restarts or (len(stamps_ns) > 1 and np.ptp(stamps_ns) == 0):
-        return recorded_ns, []
-    return stamps_ns, note
+        return recorded_ns, 0
+    return stamps_ns, int(outliers.sum())
+
+
+def _find_outliers(stamps_ns: np.ndarray) -> np.ndarray:
+    """Which stamps (N,) are far from the median of five in a row."""
+    if len(stamps_ns) < 3:
+        return np.zeros(len(stamps_ns), bool)
+    # continued beyond the ends by a reflection: the median of stamps in order is always the one in the middle
+    before, after = 2 * stamps_ns[0] - stamps_ns[2:0:-1], 2 * stamps_ns[-1] - stamps_ns[-2:-4:-1]
+    five = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, stamps_ns, after]), 5)
+    usual_ns = np.median(np.abs(np.diff(stamps_ns)))
+    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9 * OUTLIER_S, 3 * usual_ns)
+
+
+def _describe_times(outliers: int, steps_s: np.ndarray) -> str:
+    """What is changed of the times, in words; empty if nothing is."""
+    jumps = int((steps_s > JUMP_S).sum())
+    words = [f"{outliers} time stamps far from those of the images around them are replaced"] if outliers else []
+    if jumps:
+        words.append(f"{jumps} jumps of its clock, of up to {steps_s.max():.0f} s, are shortened to {SHORTENED_S:g} s")
+    return "; ".join(words)
 
 
 def _usual_rate(steps_s: np.ndarray) -> float:
