@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_distortion, parse_yaml
+from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
 from lanes.errors import CameraError, PictureError, require_number
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
@@ -482,7 +482,7 @@ def load_camera(path: str | Path) -> Camera:
     # a file with a thousand boards has 50 kB
     text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
     try:
-        return camera_from_dict(as_ros_layout(parse_yaml(text)))
+        return camera_from_dict(as_ros_layout(parse_camera_yaml(text)))
     except (yaml.YAMLError, AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error

@@ -12,6 +12,8 @@ from typing import Any
 import numpy as np
 import yaml
 
+from lanes.files import parse_yaml
+
 # Distortion models of ROS camera files by their number of coefficients. One that has fewer than five of plumb_bob's, as
 # some programs write, has zeros for the others.
 DISTORTION_MODELS = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}
@@ -21,22 +23,6 @@ _OTHER_NAMES = {
     **dict.fromkeys(("fisheye", "kannala_brandt4", "equi"), "equidistant"),
     "rational": "rational_polynomial",
 }
-
-
-class _PlainLoader(yaml.SafeLoader):
-    """YAML without aliases, because a few lines with aliases can expand to any number of entries."""
-
-    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
-        if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
-        return super().compose_node(parent, index)
-
-
-def _construct_matrix(loader: Any, node: yaml.MappingNode) -> dict:
-    return loader.construct_mapping(node, deep=True)
-
-
-_PlainLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _construct_matrix)
 
 
 class _Dumper(yaml.SafeDumper):
@@ -50,11 +36,12 @@ def _represent_list(dumper: Any, values: list) -> yaml.Node:
 _Dumper.add_representer(list, _represent_list)
 
 
-def parse_yaml(text: str) -> Any:
-    """The content of YAML, also of OpenCV's, which has a first line of its own. Raises yaml.YAMLError."""
+def parse_camera_yaml(text: str) -> Any:
+    """The content of YAML, also of OpenCV's, with a first line and a tag of its own. Raises yaml.YAMLError."""
     if text.lstrip().startswith("<?xml"):
         raise yaml.YAMLError("it is XML; write it as YAML, as cv2.FileStorage does for a name that ends in .yaml")
-    return yaml.load(re.sub(r"\A%YAML[:\s]\s*1\.\d\s*\n(---\s*\n)?", "", text), _PlainLoader)
+    text = re.sub(r"\A%YAML[:\s]\s*1\.\d\s*\n(---\s*\n)?", "", text)
+    return parse_yaml(re.sub(r"!!opencv-matrix\b", "", text))
 
 
 def dump_yaml(content: dict) -> str:

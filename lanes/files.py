@@ -16,8 +16,10 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import yaml
 from filelock import FileLock, Timeout
 
 PARTIAL = ".partial"
@@ -80,6 +82,20 @@ def read_text(
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
         raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+
+
+class _PlainLoader(yaml.SafeLoader):
+    """Loader of YAML without aliases: a few of them stand for gigabytes."""
+
+    def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
+        if self.check_event(yaml.AliasEvent):
+            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
+        return super().compose_node(parent, index)
+
+
+def parse_yaml(text: str) -> Any:
+    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags and aliases."""
+    return yaml.load(text, _PlainLoader)
 
 
 def list_files(folder: str | Path) -> list[Path]:

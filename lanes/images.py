@@ -21,8 +21,9 @@ from lanes.files import require_file, write_atomically
 
 # Names of JPEG; OpenCV does not know all of them.
 _JPEG = (".jpg", ".jpeg", ".jpe", ".jfif")
-_WRITABLE = (*_JPEG, ".png", ".webp", ".bmp", ".tif", ".tiff")
-_QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys(_JPEG, cv2.IMWRITE_JPEG_QUALITY)
+_WRITABLE = (*_JPEG, ".png", ".webp", ".bmp", ".tif", ".tiff", ".avif")
+_QUALITY_OPTIONS = dict.fromkeys(_JPEG, cv2.IMWRITE_JPEG_QUALITY)
+_QUALITY_OPTIONS |= {".webp": cv2.IMWRITE_WEBP_QUALITY, ".avif": cv2.IMWRITE_AVIF_QUALITY}
 # Formats that are read, with Pillow's names, and the ends of the names of pictures and videos.
 READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
 PICTURE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"

@@ -20,9 +20,8 @@ from tempfile import TemporaryDirectory
 from types import SimpleNamespace
 from typing import Any
 
-from lanes.camera_formats import parse_yaml
 from lanes.errors import LaneError, VideoError
-from lanes.files import read_text
+from lanes.files import parse_yaml, read_text
 from lanes.video.mcap import McapFile, import_zstd
 
 LOG_SUFFIXES = (".bag", ".db3", ".mcap")

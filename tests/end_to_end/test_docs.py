@@ -90,6 +90,15 @@ def test_the_readme_is_short_and_its_animation_is_small():
     assert 200_000 < (ROOT / "docs" / "pictures" / "tracked.webp").stat().st_size < 1_500_000
 
 
+def test_each_kind_of_robustness_names_a_test_that_exists():
+    page = (ROOT / "docs" / "robustness.md").read_text(encoding="utf-8")
+    named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page)
+    header, *rows = table_of(ROOT / "docs" / "robustness.md", "kind", "result", "test")
+    assert len(named) >= len(rows) >= 20 and all(re.fullmatch(r"`tests/[\w/]+\.py::\w+`", row[2]) for row in rows)
+    for file, name in named:
+        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file} has no {name}"
+
+
 def cells_of(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 
