@@ -30,6 +30,7 @@ from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
 from lanes.report.page import Telemetry, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection
+from lanes.track.departure import describe_many_warnings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
 from lanes.video.process import process_video, read_frames
@@ -301,6 +302,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{seconds_lost(telemetry):.1f} s; {count / elapsed_s:.0f} frames/s; wrote {target} with telemetry"
         f"{' and report' if settings.report else ''} next to it"
     )
+    if not camera.offset_m and (warnings := describe_many_warnings(telemetry)):
+        lines.append(f"{video}: {warnings}")
     if info.note:
         lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
@@ -329,6 +332,7 @@ def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settin
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
+        "camera": f"{camera.offset_m:g} m left of the middle of the car (> 0: left)",
         "style": settings.style,
         "markings": str(settings.markings or "own"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),

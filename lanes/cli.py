@@ -474,8 +474,11 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
             print(f"warning: {field.describe()}", file=sys.stderr)
     else:
         field = find_field_of_view(() if each else sources.files, options.topic)
-        if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
-            print(f"{'warning: ' if field.doubtful else ''}{field.describe()}", file=sys.stderr)
+        of_stills = [find_field_of_view([still]) for still in sources.stills] if each else []
+        shown = [field] if not each or sources.videos or any(of_still.assumed for of_still in of_stills) else []
+        shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
+        for some in shown:
+            print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
     shared = ("start_s", "end_s", "style", "report", "topic", "camera_offset_m", "lane_width_m", "height_m")
     more = {name: x for name, x in vars(options).items() if name in shared}
     if more.get("end_s") is not None and options.end_s <= options.start_s:

@@ -75,14 +75,15 @@ class FieldOfView:
         """What a wide field of view alone does not say, and what to do."""
         half_rad = np.radians(self.hfov_deg) / 2
         ratio = float(np.tan(half_rad) / half_rad)  # of the focal lengths in the middle of the image
-        other, size = (LENSES[0], "shorter") if self.lens == LENSES[1] else (LENSES[1], "longer")
-        remedy = "as in images of action cameras, where straight edges are bent, give --hfov with --lens equidistant"
-        if other == LENSES[0]:
+        other, longer, stronger = LENSES[1], "longer", "weaker"
+        remedy = "if straight edges are bent, as in images of action cameras, give --hfov and --lens equidistant"
+        if self.lens == LENSES[1]:
+            other, longer, stronger = LENSES[0], "shorter", "stronger"
             remedy = "if straight edges are straight up to the image border, give --lens pinhole"
         return (
-            f"The angle does not say how the lens maps such a wide view: the focal length of the other model ({other}) "
-            f"is {ratio:.1f} times {size}, with {ratio**2:.1f} times as much or as little curvature; {remedy}. "
-            "Offset and lane width do not depend on it. Give --boards for all numbers."
+            f"The angle does not say how the lens maps such a wide view: of the other kind ({other}) the focal length is "
+            f"{ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. Offset and lane "
+            "width do not depend on it. Give --boards for all numbers."
         )
 
 

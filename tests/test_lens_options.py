@@ -55,7 +55,12 @@ def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run, hfov
     common = "annotate", "--hfov", hfov_deg, "--height", 1.3, "--no-report", tmp_path / "drive.mp4", "-o"
     status, out, err = run(*common, tmp_path / "out")
     assert status == 0 and f"warning: field of view {hfov_deg:.1f} deg, as given, equidistant lens" in err
-    assert "give --lens pinhole" in err and "--boards" in err and "which was not calibrated" in out
+    assert (
+        "times stronger; if straight edges" in err
+        and "give --lens pinhole" in err
+        and "--boards" in err
+        and "which was not calibrated" in out
+    )
     assert curvature_ratio(drive, tmp_path / "out") == pytest.approx(1, abs=0.25)
     status, out, err = run(*common, tmp_path / "pinhole", "--lens", "pinhole")  # what it was taken as without a word
     assert status == 0 and not err and curvature_ratio(drive, tmp_path / "pinhole") > 1.6
@@ -103,6 +108,15 @@ def test_a_photo_that_was_cut_or_resized_does_not_say_its_focal_length(tmp_path,
         f"because part.jpg has 640x360 pixels, but its EXIF entries are those of {taken[0]}x{taken[1]}: it was cropped"
     )
     assert status == 0 and "warning: field of view 60.0 deg, assumed" in err and named in err
+
+
+@pytest.mark.parametrize("option", [[], ["--each"]])
+def test_a_wide_photo_says_what_its_entries_do_not(tmp_path, run, option):
+    """13 mm: of a phone without distortion, of an action camera with it."""
+    path = photo(tmp_path / "wide.jpg", (640, 360), (640, 360), focal_35mm=13)
+    status, _, err = run("annotate", *option, path, "-o", tmp_path / "out")
+    assert status == 0 and "warning: field of view 110.8 deg, as wide.jpg says (EXIF), pinhole lens" in err
+    assert "give --hfov and --lens equidistant" in err and "assumed" not in err
 
 
 def test_a_photo_that_a_program_turned_has_its_focal_length(tmp_path, run):
@@ -153,7 +167,7 @@ def test_the_warnings_are_those_of_the_car(tmp_path):
     """The camera is as near to the line as the tyres would be on it; the car is in the middle of its lane."""
     drive = replace(BENDS, motion=replace(BENDS.motion, offset_m=-1.0))
     write_drive(tmp_path / "drive.mp4", drive, 2 * FRAMES)
-    warnings = []
+    warnings, said = [], []
     for name, offset_m in (("beside", None), ("middle", -1.0)):
         (result,) = annotate(
             tmp_path / "drive.mp4",
@@ -164,7 +178,8 @@ def test_the_warnings_are_those_of_the_car(tmp_path):
             camera_offset_m=offset_m,
         )
         warnings.append(np.isin(result.telemetry["departure"], ("left", "right")).sum())
-    assert warnings[0] > FRAMES / 2 and warnings[1] == 0
+        said.append("give --camera-offset" in result.description)
+    assert warnings[0] > FRAMES / 2 and warnings[1] == 0 and said == [True, False]
 
 
 def test_the_offset_is_kept_in_the_camera_file(lorry, tmp_path, run):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ HALF_TRACK_M = 0.9
 # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
 # are perceived as false.
 WARN_S = 1.0
+# Warnings in more than this share of the tracked frames are due to the place of the camera: on motorways cars leave
+# their lane every few minutes, for seconds.
+MANY_WARNINGS = 0.2
 
 
 @dataclass(frozen=True)
@@ -39,6 +43,17 @@ class Departure:
             return None
         crossing = "crossing" if self.time_to_crossing_s == 0 else f"{self.time_to_crossing_s:.1f} s to"
         return f"lane departure: {crossing} the {self.side} line"
+
+
+def describe_many_warnings(rows: Mapping[str, np.ndarray]) -> str | None:
+    """Words about a drive whose telemetry, columns (N,), has warnings most of the time; None if it has few."""
+    tracked, warned = np.isfinite(rows["offset_m"]).sum(), np.isin(rows["departure"], ("left", "right")).sum()
+    if warned <= MANY_WARNINGS * tracked:
+        return None
+    return (
+        f"lane departure warnings in {warned} of {tracked} frames; they are those of a car {2 * HALF_TRACK_M:g} m wide "
+        "with the camera in the middle: if it is elsewhere, give --camera-offset."
+    )
 
 
 def watch_departure(lane: np.ndarray, motion: CarMotion, camera_offset_m: float = 0.0) -> Departure:
