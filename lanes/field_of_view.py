@@ -81,9 +81,9 @@ class FieldOfView:
             other, longer, stronger = LENSES[0], "shorter", "stronger"
             remedy = "if straight edges are straight up to the image border, give --lens pinhole"
         return (
-            f"The angle does not say how the lens maps such a wide view: of the other kind ({other}) the focal length is "
-            f"{ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. Offset and lane "
-            "width do not depend on it. Give --boards for all numbers."
+            f"The angle does not say how the lens maps such a wide view: of the other kind ({other}) the focal length "
+            f"is {ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. Offset and "
+            "lane width do not depend on it. Give --boards for all numbers."
         )
 
 
