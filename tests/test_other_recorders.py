@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import shutil
 import sqlite3
+from fractions import Fraction
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -90,18 +92,51 @@ def test_images_of_foxglove_are_read(tmp_path, recorders, name, encoding):
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TIMES_S)
 
 
-def test_messages_of_foxglove_in_ros_are_read(tmp_path, recorders):
-    """`foxglove_msgs/msg/CompressedImage`, which rosbags does not know, in CDR."""
-    store, name = get_typestore(Stores.ROS2_HUMBLE), "foxglove_msgs/msg/CompressedImage"
-    text = "builtin_interfaces/Time timestamp\nstring frame_id\nuint8[] data\nstring format\n"
-    store.register(get_types_from_msg(text, name))
+@pytest.mark.parametrize("kind", ["CompressedImage", "RawImage"])
+def test_messages_of_foxglove_in_ros_are_read(tmp_path, recorders, kind):
+    """`foxglove_msgs`, which rosbags does not know, in CDR."""
+    store, name = get_typestore(Stores.ROS2_HUMBLE), f"foxglove_msgs/msg/{kind}"
+    text = "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    text += {"CompressedImage": "", "RawImage": "uint32 width\nuint32 height\nstring encoding\nuint32 step\n"}[kind]
+    store.register(get_types_from_msg(text + "uint8[] data\n" + "string format\n" * (kind != "RawImage"), name))
     messages = []
     for image, stamp in zip(TINY, STAMPS, strict=True):
         time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-        data = np.frombuffer(recorders.jpeg(image), np.uint8)
-        messages.append((stamp, bytes(store.serialize_cdr(store.types[name](time, "camera", data, "jpeg"), name))))
+        fields = [np.frombuffer(recorders.jpeg(image), np.uint8), "jpeg"]
+        if kind == "RawImage":
+            fields = [12, 8, "rgb8", 36, image.ravel()]
+        messages.append((stamp, bytes(store.serialize_cdr(store.types[name](time, "camera", *fields), name))))
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, "ros2msg", "cdr", messages)})
     assert shades(path) == pytest.approx([0, 20, 40, 60, 80, 100], abs=1)
+
+
+def as_packets(images: list[np.ndarray], codec: str, every: int) -> list[bytes]:
+    """The images as a video without B frames, with a key frame every so many: the data of a message each."""
+    context = av.CodecContext.create(codec, "w")
+    context.width, context.height, context.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
+    context.time_base, context.gop_size, context.max_b_frames = Fraction(1, 25), every, 0
+    context.options = {"tune": "zerolatency", "crf": "10", "preset": "ultrafast"}
+    packets = [p for image in images for p in context.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))]
+    return [bytes(packet) for packet in [*packets, *context.encode(None)]]
+
+
+@pytest.mark.parametrize(("codec", "format_"), [("libx264", "h264"), ("libx265", "h265")])
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, codec, format_, encoding):
+    images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
+    name, stamps = "foxglove.CompressedVideo", logs.stamps_at(np.arange(15) / 25)
+    messages = [
+        (stamp, recorders.serialize(name, encoding, stamp, {"data": data, "format": format_}))
+        for stamp, data in zip(stamps, as_packets(images, codec, 5), strict=True)
+    ]
+    kind = "jsonschema" if encoding == "json" else "protobuf"
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, kind, encoding, messages)})
+    info = inspect_video(path)
+    assert (info.frames, info.fps, info.missing, info.width, info.height) == (15, 25, 0, 128, 96)
+    assert shades(path) == pytest.approx([20 + 10 * number for number in range(15)], abs=3)
+    frames = list(read_timed_frames(path, start_s=0.28, end_s=0.48))
+    assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
+    assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
 
 
 @pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
@@ -128,11 +163,7 @@ def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders):
 @pytest.mark.parametrize(
     ("name", "encoding", "named"),
     [
-        (
-            "foxglove.CompressedVideo",
-            "protobuf",
-            "has foxglove.CompressedVideo (protobuf) on /front, which is not",
-        ),
+        ("foxglove.CompressedVideo", "cbor", "has foxglove.CompressedVideo (cbor) on /front, which is not read"),
         ("foxglove.CompressedImage", "flatbuffer", "has foxglove.CompressedImage (flatbuffer) on /front, which is not"),
     ],
 )

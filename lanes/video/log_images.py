@@ -1,14 +1,17 @@
-"""Images of robot logs: raw and compressed messages to RGB arrays."""
+"""Images of robot logs: raw and compressed messages, and those of a video, to RGB arrays."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Any
 
+import av
 import cv2
 import numpy as np
 
 from lanes.errors import VideoError
+from lanes.images import MAX_PIXELS
 
 # Encodings of raw images (sensor_msgs/image_encodings.hpp, and names of drivers): values of a pixel, and OpenCV's
 # conversion to RGB. Those that end in 10, 12, 14 or 16 have that many bits a value, in two bytes.
@@ -39,6 +42,52 @@ def decode_image(message: Any, name: str = "image", *, bits: int | None = None) 
         return image
     bits = bits or count_bits([int(image.max())])
     return np.minimum(image >> (bits - 8), 255).astype(np.uint8)
+
+
+# Codecs of foxglove.CompressedVideo: FFmpeg's names, and of the units (NAL) of an image that needs no other one the
+# position of their type in the first byte, and the types.
+CODECS = {"h264": ("h264", 0, (5,)), "h265": ("hevc", 1, range(16, 22)), "vp9": ("vp9", 0, ()), "av1": ("av1", 0, ())}
+
+
+class VideoDecoder:
+    """Decoder of messages with a frame each of a video without B frames, as foxglove.CompressedVideo has them.
+
+    Raises VideoError about `name` if the codec is not known.
+    """
+
+    def __init__(self, codec: str, name: str) -> None:
+        if codec not in CODECS:
+            raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
+        self._context: Any = av.CodecContext.create(CODECS[codec][0], "r")
+        self._context.thread_count = 1  # more would hold frames back
+        self._context.options = {"max_pixels": str(MAX_PIXELS)}
+
+    def decode(self, data: Any, number: int) -> Iterator[tuple[int, np.ndarray]]:
+        """(number, RGB image) of each frame that the data of a message complete; damaged ones are left out."""
+        packet = av.Packet(bytes(data))
+        packet.pts = number
+        yield from self._frames(packet)
+
+    def flush(self) -> Iterator[tuple[int, np.ndarray]]:
+        """The frames that are still missing."""
+        yield from self._frames(None)
+
+    def _frames(self, packet: av.Packet | None) -> Iterator[tuple[int, np.ndarray]]:
+        try:
+            frames = self._context.decode(packet)
+        except av.FFmpegError:
+            return
+        for frame in frames:
+            if not frame.is_corrupt and frame.pts is not None:
+                yield frame.pts, frame.to_ndarray(format="rgb24")
+
+
+def is_key_frame(data: Any, codec: str) -> bool:
+    """Whether the frame in the data of a message can be decoded without those before it; unknown ones are not."""
+    _, shift, types = CODECS.get(codec, ("", 0, ()))
+    mask = 0x1F if shift == 0 else 0x3F
+    units = re.finditer(rb"\x00\x00\x01(.)", bytes(data), re.DOTALL)
+    return any((unit[1][0] >> shift) & mask in types for unit in units)
 
 
 def find_peak(message: Any, name: str) -> int:

@@ -41,13 +41,16 @@ _FIELDS: dict[str, dict[int, tuple[str, type]]] = {
         **{5: ("D", list), 6: ("K", list), 7: ("R", list), 8: ("P", list)},
     },
 }
-# The same types as messages of ROS 2; the other fields of a calibration are not needed.
-_FOXGLOVE_MSGS = """\
-builtin_interfaces/Time timestamp
-string frame_id
-uint8[] data
-string format
-"""
+# The same types as messages of ROS (foxglove_msgs), which rosbags does not know: the fields after time and frame.
+_IMAGE_FIELDS = "uint8[] data\nstring format\n"
+_ROS_FIELDS = {
+    "CompressedImage": _IMAGE_FIELDS,
+    "CompressedVideo": _IMAGE_FIELDS,
+    "RawImage": "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n",
+    "CameraCalibration": (
+        "uint32 width\nuint32 height\nstring distortion_model\nfloat64[] D\nfloat64[9] K\nfloat64[9] R\nfloat64[12] P\n"
+    ),
+}
 
 
 @dataclass(frozen=True)
@@ -225,7 +228,8 @@ def _decoder(topic: Topic) -> Callable[[bytes], Any]:
     ros1 = topic.encoding == "ros1"
     store, name = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE), f"{topic.package}/msg/{topic.kind}"
     if name not in store.types:
-        store.register(get_types_from_msg(_FOXGLOVE_MSGS, name))
+        definition = f"builtin_interfaces/Time timestamp\nstring frame_id\n{_ROS_FIELDS[topic.kind]}"
+        store.register(get_types_from_msg(definition, name))
     deserialize = store.deserialize_ros1 if ros1 else store.deserialize_cdr
     return lambda data: deserialize(import_zstd().decompress(data) if data[:4] == ZSTD_MAGIC else data, name)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -13,12 +13,12 @@ import numpy as np
 from lanes.errors import VideoError
 from lanes.files import require_file
 from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
-from lanes.video.log_images import count_bits, decode_image, find_peak
+from lanes.video.log_images import VideoDecoder, count_bits, decode_image, find_peak, is_key_frame
 from lanes.video.log_reader import LOG_SUFFIXES, METADATA, Topic, is_bag_folder, open_log
 
-# Types of messages with an image each, and of which one is of several images or of none.
-IMAGE_KINDS = ("Image", "RawImage", "CompressedImage")
-VIDEO_KINDS = ("CompressedVideo", "FFMPEGPacket", "H264Packet")
+# Types of messages with an image each, and others of videos.
+IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
+OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
 PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
 # Encodings of messages that are read.
 READ = ("cdr", "ros1", "protobuf", "json")
@@ -37,7 +37,8 @@ class LogIndex:
 
     `stamps_ns` are from the headers, since 1970, or from the recording if headers have none or restart. `times_s` count
     from the first image; `numbers` skip missing images if the rate is constant. `places` are their places among the
-    messages of the topic. `note` says in words what was changed of the times; empty if nothing was.
+    messages of the topic. `note` says in words what was changed of the times; empty if nothing was. Images of a video
+    in a `codec` are decoded from one of the `key_frames` (N,) on.
     """
 
     topic: str
@@ -50,6 +51,8 @@ class LogIndex:
     places: np.ndarray
     bits: int
     note: str = ""
+    codec: str = ""
+    key_frames: np.ndarray | None = None
 
 
 def is_robot_log(path: str | Path) -> bool:
@@ -74,15 +77,18 @@ def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
 
 @lru_cache(maxsize=4)
 def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
-    found, peaks, first = [], [], None
+    found, peaks, codec, keys = [], [], "", []
     with open_log(path) as log:
         topic = _choose_topic(path, log.topics, topic)
         name, every = f"{path}: {topic}", max(1, log.topics[topic].count // PEAKS)
         for place, (recorded_ns, message) in enumerate(log.messages(topic)):
             found.append((_stamp_ns(message), recorded_ns))
-            if first is None or place % every == 0:
+            if log.topics[topic].kind == "CompressedVideo":
+                codec = codec or str(message.format).lower()
+                keys.append(is_key_frame(message.data, codec))
+            elif place % every == 0:
                 peaks.append(find_peak(message, name))
-                first = decode_image(message, name) if first is None else first
+        first = next((image for _, image in _decode(log.messages(topic), range(len(found)), codec, name)), None)
     if first is None:
         raise VideoError(f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG.")
     stamps_ns, recorded_ns = np.array(found, np.int64).T
@@ -98,30 +104,52 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     constant = (steps_s * fps < MIN_STEP).mean() <= MAX_SHORT_SHARE
     skipped = np.where(constant & ~jumps, np.maximum(np.rint(steps_s * fps), 1), 1)
     times_s, numbers = np.append(0, np.cumsum(steps_s)), np.append(0, np.cumsum(skipped)).astype(int)
-    size, bits = first.shape[1::-1], count_bits(peaks)
-    return LogIndex(topic, size, fps, stamps_ns, recorded_ns, times_s, numbers, order, bits, note)
+    size, bits, key_frames = first.shape[1::-1], count_bits(peaks), np.array(keys)[order] if keys else None
+    return LogIndex(topic, size, fps, stamps_ns, recorded_ns, times_s, numbers, order, bits, note, codec, key_frames)
 
 
 def read_log(path: str | Path, log: LogIndex, first: int, end: int) -> Iterator[tuple[int, np.ndarray]]:
     """(index, image) of the images first <= index < `end` of a log in order, without damaged ones."""
     if first >= end:
         return
-    begin_ns = int(log.recorded_ns[first:end].min())
+    begin = first
+    if log.key_frames is not None:
+        begin = int(np.flatnonzero(log.key_frames[: first + 1])[-1]) if log.key_frames[: first + 1].any() else 0
+    begin_ns = int(log.recorded_ns[begin:end].min())
     # Where each message that is read from there on comes in the order of the times.
-    rank = np.argsort(log.places)
-    late = rank[np.sort(log.places[log.recorded_ns >= begin_ns])]
-    waiting: dict[int, Any] = {}
+    indices = np.argsort(log.places)[np.sort(log.places[log.recorded_ns >= begin_ns])]
     with open_log(path) as reader:
-        for index, (_, message) in zip(late.tolist(), reader.messages(log.topic, begin_ns), strict=False):
-            if first <= index < end:
-                waiting[index] = message
-            while first in waiting:
-                image = decode_image(waiting.pop(first), f"{path}: {log.topic}", bits=log.bits)
-                if image is not None:
-                    yield first, image
-                first += 1
-            if first >= end:
-                return
+        messages = _in_order(zip(indices.tolist(), reader.messages(log.topic, begin_ns), strict=False), begin, end)
+        for index, image in _decode(messages, range(begin, end), log.codec, f"{path}: {log.topic}", log.bits):
+            if index >= first:
+                yield index, image
+
+
+def _in_order(messages: Iterable[tuple[int, tuple[int, Any]]], begin: int, end: int) -> Iterator[tuple[int, Any]]:
+    """The (time of the recording, message) with the indices begin <= index < `end`, sorted by them."""
+    waiting: dict[int, tuple[int, Any]] = {}
+    for index, message in messages:
+        if begin <= index < end:
+            waiting[index] = message
+        while begin in waiting:
+            yield waiting.pop(begin)
+            begin += 1
+        if begin >= end:
+            return
+
+
+def _decode(
+    messages: Iterable[tuple[int, Any]], indices: range, codec: str, name: str, bits: int | None = None
+) -> Iterator[tuple[int, np.ndarray]]:
+    """(index, image) of messages that can be decoded; of a video if there is a `codec`."""
+    video = VideoDecoder(codec, name) if codec else None
+    for index, (_, message) in zip(indices, messages, strict=False):
+        if video:
+            yield from video.decode(message.data, index)
+        elif (image := decode_image(message, name, bits=bits)) is not None:
+            yield index, image
+    if video:
+        yield from video.flush()
 
 
 def _stamp_ns(message: Any) -> int:
@@ -179,7 +207,7 @@ def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> st
     if topic in images or (topic is None and len({name.removesuffix("/compressed") for name in images}) == 1):
         return topic or images[0]  # raw images come before their compressed copies
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"
-    others = [t for t in known if t.kind in (*IMAGE_KINDS, *VIDEO_KINDS) and t.name not in images]
+    others = [t for t in known if t.kind in (*IMAGE_KINDS, *OTHER_KINDS) and t.name not in images]
     if others and (not images or any(t.name == topic for t in others)):
         listed = ", ".join(f"{t.type_name} on {t.name}" for t in others)
         raise VideoError(f"{path}: has {listed}, which is not read; record images, or convert a video in it to mp4.")
