@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.draw import draw_lane, track_lane
@@ -332,7 +333,7 @@ def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settin
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
-        "camera": f"{camera.offset_m:g} m left of the middle of the car (> 0: left)",
+        "camera": f"{describe_offset(camera.offset_m)} of the car",
         "style": settings.style,
         "markings": str(settings.markings or "own"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from lanes.annotate import DriveSettings
 from lanes.camera import save_camera
@@ -225,6 +226,12 @@ def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path, r
     assert status == 0 and "12 frames" in out
     table = read_telemetry(tmp_path / "out" / "drive.csv")
     assert table["time_s"] == pytest.approx(times_s, abs=1e-6) and (table["state"][3:] == "tracking").all()
+
+
+def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("camera: front\n")
+    Image.fromarray(TINY[0]).save(tmp_path / "a.png")
+    assert find_sources([str(tmp_path)]).stills == (tmp_path / "a.png",)
 
 
 def test_a_recording_of_which_a_part_is_missing_is_refused(tmp_path):

@@ -27,8 +27,13 @@ ENCODINGS |= dict.fromkeys(("yuv422", "uyvy"), (2, cv2.COLOR_YUV2RGB_UYVY))
 ENCODINGS |= dict.fromkeys(("yuv422_yuy2", "yuyv", "yuy2"), (2, cv2.COLOR_YUV2RGB_YUY2))
 # A plane of brightness, and one or two of colour below it, half as high in all.
 PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "i420": cv2.COLOR_YUV2RGB_I420}
+# Named where an encoding is refused.
+_COMMON = ("rgb8", "bgr8", "rgba8", "bgra8", "mono8", "bayer_*8", "the same with 16", "yuv422", "yuv422_yuy2", "nv12")
 # Formats of compressed messages that are not an image each.
 _VIDEO_CODECS = re.compile(r"\b(h\.?26[45]|avc|hevc|av1|vp[89]|theora)\b", re.IGNORECASE)
+# Codecs of foxglove.CompressedVideo: FFmpeg's names, and of the units (NAL) of an image that needs no other one the
+# position of their type in the first byte, and the types.
+CODECS = {"h264": ("h264", 0, (5,)), "h265": ("hevc", 1, range(16, 22)), "vp9": ("vp9", 0, ()), "av1": ("av1", 0, ())}
 
 
 def decode_image(message: Any, name: str = "image", *, bits: int | None = None) -> np.ndarray | None:
@@ -42,52 +47,6 @@ def decode_image(message: Any, name: str = "image", *, bits: int | None = None) 
         return image
     bits = bits or count_bits([int(image.max())])
     return np.minimum(image >> (bits - 8), 255).astype(np.uint8)
-
-
-# Codecs of foxglove.CompressedVideo: FFmpeg's names, and of the units (NAL) of an image that needs no other one the
-# position of their type in the first byte, and the types.
-CODECS = {"h264": ("h264", 0, (5,)), "h265": ("hevc", 1, range(16, 22)), "vp9": ("vp9", 0, ()), "av1": ("av1", 0, ())}
-
-
-class VideoDecoder:
-    """Decoder of messages with a frame each of a video without B frames, as foxglove.CompressedVideo has them.
-
-    Raises VideoError about `name` if the codec is not known.
-    """
-
-    def __init__(self, codec: str, name: str) -> None:
-        if codec not in CODECS:
-            raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
-        self._context: Any = av.CodecContext.create(CODECS[codec][0], "r")
-        self._context.thread_count = 1  # more would hold frames back
-        self._context.options = {"max_pixels": str(MAX_PIXELS)}
-
-    def decode(self, data: Any, number: int) -> Iterator[tuple[int, np.ndarray]]:
-        """(number, RGB image) of each frame that the data of a message complete; damaged ones are left out."""
-        packet = av.Packet(bytes(data))
-        packet.pts = number
-        yield from self._frames(packet)
-
-    def flush(self) -> Iterator[tuple[int, np.ndarray]]:
-        """The frames that are still missing."""
-        yield from self._frames(None)
-
-    def _frames(self, packet: av.Packet | None) -> Iterator[tuple[int, np.ndarray]]:
-        try:
-            frames = self._context.decode(packet)
-        except av.FFmpegError:
-            return
-        for frame in frames:
-            if not frame.is_corrupt and frame.pts is not None:
-                yield frame.pts, frame.to_ndarray(format="rgb24")
-
-
-def is_key_frame(data: Any, codec: str) -> bool:
-    """Whether the frame in the data of a message can be decoded without those before it; unknown ones are not."""
-    _, shift, types = CODECS.get(codec, ("", 0, ()))
-    mask = 0x1F if shift == 0 else 0x3F
-    units = re.finditer(rb"\x00\x00\x01(.)", bytes(data), re.DOTALL)
-    return any((unit[1][0] >> shift) & mask in types for unit in units)
 
 
 def find_peak(message: Any, name: str) -> int:
@@ -129,10 +88,6 @@ def _unpack(message: Any, name: str) -> np.ndarray | None:
     return pixels.copy() if code is None else cv2.cvtColor(pixels, code)
 
 
-# Named where an encoding is refused.
-_COMMON = ("rgb8", "bgr8", "rgba8", "bgra8", "mono8", "bayer_*8", "the same with 16", "yuv422", "yuv422_yuy2", "nv12")
-
-
 def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
     """The RGB image of a compressed message. `format_` begins with the encoding before the compression, if any."""
     if codec := _VIDEO_CODECS.search(format_):
@@ -155,3 +110,44 @@ def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
             )
         return cv2.cvtColor(image, _BAYER.get(pattern, cv2.COLOR_GRAY2RGB))
     return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
+
+
+class VideoDecoder:
+    """Decoder of messages with a frame each of a video without B frames, as foxglove.CompressedVideo has them.
+
+    Raises VideoError about `name` if the codec is not known.
+    """
+
+    def __init__(self, codec: str, name: str) -> None:
+        if codec not in CODECS:
+            raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
+        self._context: Any = av.CodecContext.create(CODECS[codec][0], "r")
+        self._context.thread_count = 1  # more would hold frames back
+        self._context.options = {"max_pixels": str(MAX_PIXELS)}
+
+    def decode(self, data: Any, number: int) -> Iterator[tuple[int, np.ndarray]]:
+        """(number, RGB image) of each frame that the data of a message complete; damaged ones are left out."""
+        packet = av.Packet(bytes(data))
+        packet.pts = number
+        yield from self._frames(packet)
+
+    def flush(self) -> Iterator[tuple[int, np.ndarray]]:
+        """The frames that are still missing."""
+        yield from self._frames(None)
+
+    def _frames(self, packet: av.Packet | None) -> Iterator[tuple[int, np.ndarray]]:
+        try:
+            frames = self._context.decode(packet)
+        except av.FFmpegError:
+            return
+        for frame in frames:
+            if not frame.is_corrupt and frame.pts is not None:
+                yield frame.pts, frame.to_ndarray(format="rgb24")
+
+
+def is_key_frame(data: Any, codec: str) -> bool:
+    """Whether the frame in the data of a message can be decoded without those before it; unknown ones are not."""
+    _, shift, types = CODECS.get(codec, ("", 0, ()))
+    mask = 0x1F if shift == 0 else 0x3F
+    units = re.finditer(rb"\x00\x00\x01(.)", bytes(data), re.DOTALL)
+    return any((unit[1][0] >> shift) & mask in types for unit in units)

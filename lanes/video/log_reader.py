@@ -12,7 +12,7 @@ import shutil
 import sqlite3
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -25,7 +25,7 @@ from lanes.files import parse_yaml, read_text
 from lanes.video.mcap import McapFile, import_zstd
 
 LOG_SUFFIXES = (".bag", ".db3", ".mcap")
-METADATA = "metadata.yaml"
+METADATA, RECORDING = "metadata.yaml", "rosbag2_bagfile_information"
 # What a message compressed by rosbag2 begins with; one in CDR begins with a zero.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 # Fields of Foxglove's schemas in protobuf (https://docs.foxglove.dev/docs/sdk/schemas): name and kind by number.
@@ -83,8 +83,10 @@ class LogReader:
 
 
 def is_bag_folder(path: str | Path) -> bool:
-    """Whether a path is the folder of a ROS 2 recording."""
-    return Path(path, METADATA).is_file()
+    """Whether a path is the folder of a ROS 2 recording; other programs write files of that name as well."""
+    with suppress(OSError, ValueError), Path(path, METADATA).open("rb") as file:
+        return RECORDING.encode() in file.read(1000)
+    return False
 
 
 @contextmanager
@@ -108,7 +110,7 @@ def open_log(path: Path | str) -> Iterator[LogReader]:
 def _list_parts(folder: Path) -> list[Path]:
     """The files of a ROS 2 recording in the order of its metadata."""
     described = parse_yaml(read_text(folder / METADATA, "metadata", error=VideoError, max_bytes=20_000_000))
-    names = [PurePath(name).name for name in described["rosbag2_bagfile_information"]["relative_file_paths"]]
+    names = [PurePath(name).name for name in described[RECORDING]["relative_file_paths"]]
     if missing := [name for name in names if not (folder / name).is_file()]:
         raise VideoError(f"{folder}: {missing[0]}, which {METADATA} names, is missing; copy it there.")
     if not names:

@@ -165,9 +165,9 @@ def _decompress(chunk: memoryview) -> bytes:
     if size > MAX_CHUNK_BYTES:
         raise ValueError(f"a chunk of {size} bytes is too large")
     if name == "zstd":
-        data = import_zstd().decompress(data)
+        data = import_zstd().ZstdDecompressor().decompress(data, size + 1)  # a few bytes could stand for gigabytes
     elif name == "lz4":
-        data = import_module("lz4.frame").decompress(data)
+        data = import_module("lz4.frame").LZ4FrameDecompressor().decompress(data, size + 1)
     elif name:
         raise ValueError(f"its chunks are compressed as {name!r}")
     if len(data) != size:
