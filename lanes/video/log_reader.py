@@ -24,7 +24,8 @@ from lanes.errors import LaneError, VideoError
 from lanes.files import parse_yaml, read_text
 from lanes.video.mcap import McapFile, import_zstd
 
-LOG_SUFFIXES = (".bag", ".db3", ".mcap")
+# Ends of the names of logs, also compressed by rosbag2.
+LOG_NAMES = r"\.(bag|db3|mcap)(\.zstd?)?$"
 METADATA, RECORDING = "metadata.yaml", "rosbag2_bagfile_information"
 # What a message compressed by rosbag2 begins with; one in CDR begins with a zero.
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"

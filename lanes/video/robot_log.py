@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +15,7 @@ from lanes.errors import VideoError
 from lanes.files import require_file
 from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 from lanes.video.log_images import VideoDecoder, count_bits, decode_image, find_peak, is_key_frame
-from lanes.video.log_reader import LOG_SUFFIXES, METADATA, Topic, is_bag_folder, open_log
+from lanes.video.log_reader import LOG_NAMES, METADATA, Topic, is_bag_folder, open_log
 
 # Types of messages with an image each, and others of videos.
 IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
@@ -57,7 +58,7 @@ class LogIndex:
 
 def is_robot_log(path: str | Path) -> bool:
     """Whether a file is a robot log, by its name, or a folder is a recording of ROS 2."""
-    return Path(path).name.removesuffix("d").removesuffix(".zst").endswith(LOG_SUFFIXES) or is_bag_folder(path)
+    return bool(re.search(LOG_NAMES, str(path))) or is_bag_folder(path)
 
 
 def file_of_log(path: Path) -> Path:
