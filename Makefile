@@ -15,7 +15,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 COALESCE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --inplace --CoalesceStreamsPreprocessor.enabled=True
 INSTALL := $(ENV)/python -m pip install --quiet --disable-pip-version-check
 INSTALLED := .venv/installed.txt
-OPTIONAL := .venv/installed-cluster.txt .venv/installed-ros.txt
+OPTIONAL := .venv/installed-cluster.txt .venv/installed-ros.txt .venv/installed-recorders.txt
 MEASURING := .venv/installed-measuring.txt
 BOOK := .venv/installed-book.txt
 COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
@@ -122,7 +122,8 @@ $(INSTALLED): requirements.txt
 		print('\n'.join(extras['$*']).replace('>=', '=='))" > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags) need these; without them they are skipped.
+# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags; recorders: mcap, protobuf) need these;
+# without them they are skipped.
 $(OPTIONAL): .venv/installed-%.txt: .venv/extra-%.txt
 	@echo "== Installing the extra $* into .venv (once)"
 	@$(INSTALL) -r $< && cp $< $@ || echo "== The extra $* could not be installed: its tests are skipped"

@@ -125,8 +125,8 @@ def _score_labelled(options: argparse.Namespace) -> None:
     for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
         some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
-        lens, markings = find_lens(options)
-        folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=markings)
+        lens, settings = find_lens(options)
+        folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=settings.markings)
         scored.append(folder)
         checks = stills.summarize_checks(folder.checks)
         print(f"{name}: {len(some)} stills; {checks}" if name else folder.describe_pose())

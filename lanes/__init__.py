@@ -19,6 +19,10 @@ For videos see `track` and `annotate`, for other cameras `calibrate` and `estima
 # isort: skip_file
 # Three functions have the names of the modules that they come from. They are bound here, after these modules were
 # loaded, so that `lanes.track` is the function; `from lanes.track.tracker import ...` works as well.
+from lanes.console import require_opencv
+
+require_opencv()  # before modules that use what only OpenCV 5 has
+
 from lanes.errors import LaneError
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.calibration import calibrate

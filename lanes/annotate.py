@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.draw import draw_lane, track_lane
@@ -30,6 +31,7 @@ from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
 from lanes.report.page import Telemetry, describe_confidence, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection
+from lanes.track.departure import describe_many_warnings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker
 from lanes.video.orientation import MIRRORED_WORDS
@@ -58,6 +60,9 @@ class DriveSettings:
     progress: bool = True
     topic: str | None = None
     markings: Markings | None = None
+    camera_offset_m: float | None = None
+    lane_width_m: float | None = None
+    height_m: float | None = None
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with upright images of `size` (width, height).
@@ -65,16 +70,30 @@ class DriveSettings:
         A camera without a pose may be one for images as the sensor sees them: it is turned as the file says, if it then
         has the aspect ratio of the images. Raises CameraError if it has another one.
         """
+        camera = self._intrinsics_for(size, file)
+        return camera if self.camera_offset_m is None else replace(camera, offset_m=self.camera_offset_m)
+
+    def _intrinsics_for(self, size: tuple[int, int], file: Path) -> Camera:
         given = self.camera or (self.field and self.field.source == GIVEN)
         camera = self.camera if given else read_log_camera(file, self.topic)
         if camera is None:
-            return Camera.from_fov(size, self.field_of(file).across(size))
+            field = self.field_of(file)
+            return Camera.from_fov(size, field.across(size), lens=field.lens)
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
         try:
             return camera if camera.size == size else camera.scaled(size)
         except CameraError as error:
             raise CameraError(f"{file}: {error}") from error
+
+    def ensure_pose(self, camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
+        """As `lanes.pose.ensure_pose`, with the given height or lane width; CameraError if the camera has a pose."""
+        if camera.pose and (self.height_m or self.lane_width_m):
+            raise CameraError(
+                "the camera file holds a pose; omit --height and --lane-width, or estimate it again with `pose`."
+            )
+        given = {"height_m": self.height_m, "lane_width_m": self.lane_width_m, "markings": self.markings}
+        return ensure_pose(camera, source, **given, **options)
 
     def field_of(self, file: Path) -> FieldOfView:
         """The field of view of an uncalibrated lens; with `each` that of the file's own EXIF entries, unless given."""
@@ -135,6 +154,10 @@ def annotate(
     topic : str
         Topic of the images in robot logs; by default the only one. See `lanes.lane_messages` for their output.
     markings : callable, as for `lanes.find_lane`
+    camera_offset_m : float
+        Position of the camera left of the middle of the car, negative right; by default that of `camera`.
+    height_m, lane_width_m : float
+        Height of the camera, or width of the lanes, if the pose is estimated; see `lanes.estimate_pose`.
 
     Raises
     ------
@@ -232,7 +255,7 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
     options: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "topic": settings.topic}
     images = sample_images([video], POSE_PICTURES, require=camera.require_size, infos={video: info}, **options)
     try:
-        return info, *ensure_pose(camera, images, markings=settings.markings)
+        return info, *settings.ensure_pose(camera, images)
     except PoseError as error:
         raise PoseError(f"{video}: {error}") from error
 
@@ -242,7 +265,8 @@ def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings
 
     def find_pose(image: np.ndarray) -> StillDetection | None:
         with suppress(CameraError):  # the pose sees no road
-            return estimate_pose(image, camera, markings=markings).still
+            height_m = pose.given_height_m if pose else None
+            return estimate_pose(image, camera, height_m=height_m, markings=markings).still
         return None
 
     return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings)
@@ -284,6 +308,10 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         lines.append(f"{video}: {jumps}")
     if info.mirrored:
         lines.append(f"{video}: {MIRRORED_WORDS}")
+    if not camera.offset_m and (warnings := describe_many_warnings(telemetry)):
+        lines.append(f"{video}: {warnings}")
+    if info.note:
+        lines.append(f"{video}: {info.note}")
     if info.has_audio and not written.has_audio:
         lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
     if change := find_pose_change(telemetry):
@@ -310,6 +338,7 @@ def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settin
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
+        "camera": f"{describe_offset(camera.offset_m)} of the car",
         "style": settings.style,
         "markings": str(settings.markings or "own"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
@@ -411,7 +440,7 @@ def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: lis
     began_s = time.perf_counter()
     try:
         camera = settings.camera_for((width, height), usable[0])
-        camera, pose = ensure_pose(camera, image if alone else usable, markings=settings.markings)
+        camera, pose = settings.ensure_pose(camera, image if alone else usable)
     except PoseError as error:
         raise PoseError(f"{usable[0]}: {error}") from error
     for path in usable:

@@ -19,18 +19,24 @@ import cv2
 import numpy as np
 import yaml
 
+from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
 from lanes.errors import CameraError, PictureError, require_number
-from lanes.files import parse_yaml, read_text, write_atomically
+from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
 MAX_ASPECT_DIFFERENCE = 0.005
-# Distortion models of ROS camera files by their number of coefficients. One that has fewer than five of plumb_bob's, as
-# some programs write, has zeros for the others.
-DISTORTION_MODELS = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
+# Wider views are those of a fisheye lens unless the lens is named: a pinhole camera of 110 degrees has twice as many
+# pixels per degree at the border as in the middle, so action cameras and dashcams do not map like this.
+WIDE_HFOV_DEG = 95
+LENSES = ("pinhole", "equidistant")
+# Largest distance of a camera from the middle of its car, metres: lorries are 2.55 m wide.
+MAX_OFFSET_M = 2.0
+# Largest skew of a camera matrix as a share of the focal length: calibrations of real lenses have some 0.001.
+MAX_SKEW = 0.01
 
 
 @dataclass(frozen=True)
@@ -107,6 +113,13 @@ class Camera:
         (rational_polynomial); four are those of a fisheye lens (equidistant, `cv2.fisheye`).
     pose : CameraPose, optional
         Extrinsics; without them projections to and from the road raise a CameraError.
+    report : CalibrationReport, optional
+        Result of the calibration.
+    offset_m : float
+        Position of the camera left of the middle of the car. The road frame begins below the camera; offset and
+        departure of a lane are those of the car.
+    calibrated : bool
+        Whether the intrinsics were measured, not derived from a field of view.
     """
 
     width: int
@@ -115,22 +128,32 @@ class Camera:
     distortion: np.ndarray
     pose: CameraPose | None = None
     report: CalibrationReport | None = None
+    offset_m: float = 0.0
+    calibrated: bool = True
 
     @classmethod
-    def from_fov(cls, size: tuple[int, int], hfov_deg: float, pose: CameraPose | None = None) -> Camera:
-        """A camera without distortion from its horizontal field of view in degrees; `size` is (width, height).
+    def from_fov(
+        cls, size: tuple[int, int], hfov_deg: float, pose: CameraPose | None = None, *, lens: str | None = None
+    ) -> Camera:
+        """An uncalibrated camera from its horizontal field of view in degrees; `size` is (width, height).
 
-        Raises CameraError if the field of view is not between 10 and 150 degrees.
+        `lens` is one of `LENSES`: straight lines stay straight in the image of a "pinhole" camera; in that of an
+        "equidistant" one, a fisheye lens, the distance from the centre is proportional to the angle. Without it, views
+        of more than `WIDE_HFOV_DEG` are equidistant. Raises CameraError if the field of view is not between 10 and 150
+        degrees, or the lens is none of these.
         """
         hfov_deg = require_number(hfov_deg, "hfov_deg")
         if not HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1]:
             raise CameraError(
                 f"a horizontal field of view of {hfov_deg:g} degrees is not plausible for a dashcam; give 10 to 150."
             )
-        width, height = size
-        focal_px = width / 2 / np.tan(np.radians(hfov_deg) / 2)
+        lens = lens or LENSES[hfov_deg > WIDE_HFOV_DEG]
+        if lens not in LENSES:
+            raise CameraError(f"{lens!r} is no lens; give one of {', '.join(LENSES)}.")
+        (width, height), half_rad = size, np.radians(hfov_deg) / 2
+        focal_px = width / 2 / (np.tan(half_rad) if lens == "pinhole" else half_rad)
         matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
-        return cls(width, height, matrix, np.zeros(5), pose)
+        return cls(width, height, matrix, np.zeros(5 if lens == "pinhole" else 4), pose, calibrated=False)
 
     @property
     def size(self) -> tuple[int, int]:
@@ -179,6 +202,11 @@ class Camera:
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
+    def cropped(self, left_px: int, top_px: int, size: tuple[int, int]) -> Camera:
+        """The same camera for a part of its images of `size` (width, height), from this column and row on."""
+        matrix = self.matrix - [[0, 0, left_px], [0, 0, top_px], [0, 0, 0]]
+        return replace(self, width=size[0], height=size[1], matrix=matrix)
+
     def turned(self, orientation: int) -> Camera:
         """The camera of the upright images, if this one is that of the images as stored with an EXIF orientation.
 
@@ -186,6 +214,10 @@ class Camera:
         """
         if self.pose is not None:
             raise CameraError("a camera with a pose is not turned; its images are upright.")
+        if orientation == 1:
+            return self
+        if self.matrix[0, 1]:
+            raise CameraError("a camera with a skew in its matrix is not turned; calibrate with upright images.")
         axes = upright_axes(orientation)
         size = np.abs(axes) @ self.size
         matrix, distortion = np.eye(3), np.array(self.distortion, float)
@@ -201,7 +233,7 @@ class Camera:
         height, width = image.shape[:2]
         if (width, height) == self.size:
             return image
-        if self.distortion.any():
+        if self.calibrated:
             origin = "was calibrated for"
             remedy = "use a picture of that size, or camera.scaled(size) for a resized one."
         else:
@@ -237,6 +269,8 @@ class Camera:
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)
         if not len(pixels):
             return np.empty((0, 3))
+        if self.matrix[0, 1]:  # OpenCV ignores a skew
+            pixels = pixels - (pixels[..., 1:] - self.matrix[1, 2]) * [self.matrix[0, 1] / self.matrix[1, 1], 0]
         # Most pixels need ten steps of the fixed-point iteration, the corners of a 100 degree lens several hundred:
         # there 50 steps leave an error of one pixel, and the default of 5 steps one of forty.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
@@ -287,8 +321,8 @@ class Camera:
         x, y = x * inverse, y * inverse
         distort = _distort_fisheye if self.is_fisheye else _distort_brown
         u, v = distort(x, y, *np.ravel(self.distortion).tolist())
-        (fx, _, cx), (_, fy, cy) = self.matrix[:2]
-        pixels = np.column_stack([u * fx + cx, v * fy + cy])
+        (fx, skew, cx), (_, fy, cy) = self.matrix[:2]
+        pixels = np.column_stack([u * fx + v * skew + cx if skew else u * fx + cx, v * fy + cy])
         pixels[~visible] = np.nan
         return pixels
 
@@ -383,21 +417,27 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
     """Maps for cv2.remap, cached for each lens: computing them takes as long as ten remaps."""
     intrinsics = np.reshape(matrix, (3, 3))
     make_maps = cv2.fisheye.initUndistortRectifyMap if len(distortion) == 4 else cv2.initUndistortRectifyMap
-    return make_maps(intrinsics, np.array(distortion), np.eye(3), intrinsics, size, cv2.CV_16SC2)
+    lens = intrinsics, np.array(distortion), np.eye(3), intrinsics, size
+    if not intrinsics[0, 1]:
+        return make_maps(*lens, cv2.CV_16SC2)
+    map_u, map_v = make_maps(*lens, cv2.CV_32FC1)  # without the skew
+    map_u += (map_v - intrinsics[1, 2]) * np.float32(intrinsics[0, 1] / intrinsics[1, 1])
+    return cv2.convertMaps(map_u, map_v, cv2.CV_16SC2)
 
 
-# Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks.
+# Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks; others are read as well
+# (lanes/camera_formats.py).
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:
-    """Write a camera file, which `load_camera` reads; returns its path.
+    """Write a camera file, which `load_camera`, ROS and cv2.FileStorage read; returns its path.
 
     >>> lanes.save_camera(camera, "camera.yaml")  # doctest: +SKIP
 
     Raises OSError if the file cannot be written.
     """
     path = Path(path)
-    write_atomically(path, yaml.safe_dump(camera_to_dict(camera), sort_keys=False, allow_unicode=True).encode())
+    write_atomically(path, dump_yaml(camera_to_dict(camera)).encode())
     return path
 
 
@@ -414,6 +454,10 @@ def camera_to_dict(camera: Camera) -> dict:
         "rectification_matrix": _matrix_entry(np.eye(3)),
         "projection_matrix": _matrix_entry(np.column_stack([camera.matrix, np.zeros(3)])),
     }
+    if not camera.calibrated:
+        content["calibrated"] = False
+    if camera.offset_m:
+        content["camera_offset_m"] = float(camera.offset_m)
     if camera.pose:
         content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items()}
     if camera.report:
@@ -429,11 +473,17 @@ def camera_to_dict(camera: Camera) -> dict:
 
 
 def _matrix_entry(matrix: np.ndarray) -> dict:
-    return {"rows": len(matrix), "cols": matrix.shape[1], "data": [float(x) for x in np.ravel(matrix)]}
+    # with dt, the type, cv2.FileStorage reads it as a matrix
+    return {
+        "rows": len(matrix),
+        "cols": matrix.shape[1],
+        "dt": "d",
+        "data": [float(x) for x in np.ravel(matrix)],
+    }
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read a camera file.
+    """Read a camera file: ours, or one of ROS, of OpenCV's FileStorage (YAML) or of Kalibr.
 
     >>> camera = lanes.load_camera("camera.yaml")  # doctest: +SKIP
 
@@ -443,7 +493,7 @@ def load_camera(path: str | Path) -> Camera:
     # a file with a thousand boards has 50 kB
     text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
     try:
-        return camera_from_dict(parse_yaml(text))
+        return camera_from_dict(as_ros_layout(parse_camera_yaml(text)))
     except (yaml.YAMLError, AttributeError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
         reason = f"entry {error} is missing" if isinstance(error, KeyError) else " ".join(str(error).split())
         raise CameraError(f"{path}: is not a usable camera file ({reason}); make it again by calibrating.") from error
@@ -458,27 +508,23 @@ def camera_from_dict(content: dict) -> Camera:
     if not isinstance(content, dict):
         raise ValueError("it has no entries")
     matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
-    distortion = _parse_distortion(content)
+    distortion = parse_distortion(content.get("distortion_model"), content["distortion_coefficients"]["data"])
     size = int(content["image_width"]), int(content["image_height"])
     _require_valid_intrinsics(matrix, distortion, size)
     pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
-    return Camera(*size, matrix, distortion, pose, report)
+    offset_m = require_camera_offset(content.get("camera_offset_m", 0.0))
+    return Camera(*size, matrix, distortion, pose, report, offset_m, content.get("calibrated", True) is not False)
 
 
-def _parse_distortion(content: dict) -> np.ndarray:
-    """The coefficients of a camera file; older ones name no model, which is plumb_bob unless there are eight."""
-    data = np.array(content["distortion_coefficients"]["data"], float)
-    data = data if data.size else np.zeros(4)  # so does ROS write a lens without distortion
-    model = content.get("distortion_model") or ("rational_polynomial" if len(data) == 8 else "plumb_bob")
-    counts = {name: count for count, name in DISTORTION_MODELS.items()}
-    if model not in counts:
-        raise ValueError(f"distortion model {model!r:.40} is not supported, only {', '.join(sorted(counts))}")
-    # the last coefficients may be left out, or be followed by those of a longer model, if they are zero
-    count = counts[model]
-    if data.ndim != 1 or len(data) < 4 or np.any(data[count:]):
-        raise ValueError(f"{model} has {count} distortion coefficients, not {data.size}")
-    return np.pad(data[:count], (0, max(0, count - len(data))))
+def require_camera_offset(offset_m: object) -> float:
+    """The position of a camera left of the middle of its car; raises CameraError if no car is as wide."""
+    offset_m = require_number(offset_m, "camera_offset_m")
+    if abs(offset_m) > MAX_OFFSET_M:
+        raise CameraError(
+            f"a camera {offset_m:g} m beside the middle of the car is not plausible; give -2 to 2 metres."
+        )
+    return offset_m
 
 
 def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
@@ -493,8 +539,11 @@ def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: 
     shortest, longest = 0.1 * size[0], 60 * size[0]
     if not all(shortest <= focal_px <= longest for focal_px in (matrix[0, 0], matrix[1, 1])):
         raise ValueError(f"a focal length is not between {shortest:g} and {longest:g} pixels")
+    # a sensor has square corners: more is another lens model's shift
+    if abs(matrix[0, 1]) > MAX_SKEW * matrix[0, 0]:
+        raise ValueError(f"a skew of {matrix[0, 1]:g} is more than {MAX_SKEW:g} of the focal length")
     centre_inside = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
-    if not centre_inside or matrix[0, 1] or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
+    if not centre_inside or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
         raise ValueError("its camera matrix is not valid")
 
 

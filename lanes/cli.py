@@ -13,27 +13,26 @@ from dataclasses import replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
-from lanes.camera import Camera, load_camera, save_camera
+from lanes.camera import LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program
 from lanes.describe import format_table, number_cells
-from lanes.detect.markings import Markings, load_markings
+from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
 from lanes.errors import CameraError, LaneError
 from lanes.explain import explain, explain_tracked
-from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view
-from lanes.files import require_no_input_among
+from lanes.field_of_view import find_field_of_view, given_field_of_view
+from lanes.files import MESSAGES_SUFFIX, require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
-from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, ensure_pose, estimate_pose
+from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
@@ -93,10 +92,7 @@ class Pose:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
         add_lens(parser)
-        words = "true width of the lanes, metres (default: %(default)s)"
-        parser.add_argument("--lane-width", type=bounded(float, 2, 6), default=LANE_WIDTH_M, metavar="M", help=words)
-        words = "measured height of the camera, metres"
-        parser.add_argument("--height", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
+        add_scale(parser)
         add_part(parser)
         words = "use at most N pictures (default: %(default)s)"
         parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
@@ -105,18 +101,18 @@ class Pose:
     @staticmethod
     def run(options: argparse.Namespace) -> int:
         require_no_input_among([options.output], options.files)
-        lens, markings = find_lens(options)
+        lens, settings = find_lens(options)
         estimate = estimate_pose(
             options.files,
             lens,
-            lane_width_m=options.lane_width,
-            height_m=options.height,
+            lane_width_m=options.lane_width_m,
+            height_m=options.height_m,
             max_pictures=options.pictures,
             start_s=options.start_s,
             end_s=options.end_s,
             topic=options.topic,
             progress=progress_line("pose"),
-            markings=markings,
+            markings=settings.markings,
         )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -150,6 +146,7 @@ class Annotate:
         words = 'video, still, folder, or pattern such as "drives/*.mp4"'
         parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
         add_lens(parser, each=True)
+        add_scale(parser)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
         words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
@@ -203,6 +200,8 @@ class Detect:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
         add_lens(parser, each=True)
+        add_scale(parser)
+        add_part(parser)
         words = "picture rows, TO excluded (default: %(default)s)"
         parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
@@ -257,6 +256,7 @@ class Explain:
         parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
         add_part(parser)
         add_lens(parser)
+        add_scale(parser)
         add_output(parser, "explained.png", "figure to write")
 
     @staticmethod
@@ -272,9 +272,9 @@ class Explain:
         if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
             words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
             raise ValueError(f"{file}: {words}, or none for a picture.")
-        lens, markings = find_lens(options)
-        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": options.topic, "markings": markings}
-        camera, estimate = ensure_pose(lens, options.files, progress=progress_line("pose"), **part)
+        lens, settings = find_lens(options)
+        markings, part = settings.markings, {"start_s": start_s, "end_s": end_s, "topic": options.topic}
+        camera, estimate = settings.ensure_pose(lens, options.files, progress=progress_line("pose"), **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
@@ -307,6 +307,7 @@ class Label:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
         add_lens(parser, each=True)
+        add_scale(parser)
         add_part(parser)
         parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
         parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
@@ -409,7 +410,7 @@ def installed_command() -> None:
 
 
 def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for lens (--camera, --hfov, --boards, or none), --topic, --markings, and maybe --each."""
+    """Add the options for lens and place of the camera, --topic, --markings, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
@@ -419,9 +420,22 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
     words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
+    words = "lens of --hfov (default: equidistant, as of action cameras, for more than 95 degrees, else pinhole)"
+    parser.add_argument("--lens", choices=LENSES, help=words)
+    words = "how far the camera is left of the middle of the car, metres; < 0: right (default: that of the camera file)"
+    limits = bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M)
+    parser.add_argument("--camera-offset", dest="camera_offset_m", type=limits, metavar="M", help=words)
     parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
     words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
+
+
+def add_scale(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the scale of a pose that is estimated."""
+    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
+    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
+    words = "measured height of the camera, metres, for a pose that is estimated"
+    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
 
 
 def add_part(parser: argparse.ArgumentParser) -> None:
@@ -437,20 +451,26 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
     parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
 
 
-def find_lens(options: argparse.Namespace) -> tuple[Camera, Markings | None]:
-    """Camera, for images of the size of the first file, and markings according to the options of `add_lens`."""
+def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
+    """Camera, for images of the size of the first file, and settings according to the options of `add_lens`."""
     sources = find_sources(map(str, options.files))
     settings, image = read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
-    return settings.camera_for(image.shape[1::-1], sources.files[0]), settings.markings
+    return settings.camera_for(image.shape[1::-1], sources.files[0]), settings
 
 
 def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
 
-    Prints the field of view of an uncalibrated lens, unless --hfov gives it, or with --each all stills name theirs.
+    Prints the field of view of an uncalibrated lens, unless --hfov gives a usual one, or with --each all stills name
+    theirs.
     """
-    if sources.skipped:
-        print(f"note: skipped, neither a video nor a picture: {_list_names(sources.skipped)}", file=sys.stderr)
+    own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
+    others = [path for path in sources.skipped if path not in own]
+    for what, paths in (("neither a video nor a picture", others), ("written by annotate", own)):
+        if paths:
+            print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
+    if options.lens and options.hfov is None:
+        raise ValueError("--lens is that of a field of view; give --hfov as well, or omit it.")
     camera = field = None
     quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
     if options.camera:
@@ -458,12 +478,18 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     elif options.boards:
         camera = calibrate(options.boards, progress=None if quiet else progress_line("boards"))
     elif options.hfov is not None:
-        field = FieldOfView(options.hfov, GIVEN)
+        field = given_field_of_view(options.hfov, options.lens)
+        if field.doubtful and not options.lens:
+            print(f"warning: {field.describe()}", file=sys.stderr)
     else:
         field = find_field_of_view(() if each else sources.files, options.topic)
-        if not each or sources.videos or any(find_field_of_view([still]).assumed for still in sources.stills):
-            print(f"{'warning: ' if field.assumed else ''}{field.describe()}", file=sys.stderr)
-    more = {name: x for name, x in vars(options).items() if name in ("start_s", "end_s", "style", "report", "topic")}
+        of_stills = [find_field_of_view([still]) for still in sources.stills] if each else []
+        shown = [field] if not each or sources.videos or any(of_still.assumed for of_still in of_stills) else []
+        shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
+        for some in shown:
+            print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
+    shared = ("start_s", "end_s", "style", "report", "topic", "camera_offset_m", "lane_width_m", "height_m")
+    more = {name: x for name, x in vars(options).items() if name in shared}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     more["markings"] = options.markings and load_markings(options.markings)

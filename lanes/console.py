@@ -8,8 +8,24 @@ import signal
 import sys
 from collections.abc import Callable
 from contextlib import suppress
+from importlib import import_module
 from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
+from pathlib import Path
 from typing import Any
+
+
+def require_opencv() -> None:
+    """Raise ImportError if the installed OpenCV is too old; a command ends with its sentence."""
+    version = import_module("cv2").__version__
+    if int(version.partition(".")[0]) >= 5:
+        return
+    sentence = (
+        f"OpenCV {version} is installed, but lanes needs 5; run pip uninstall opencv-python opencv-python-headless and "
+        'pip install "opencv-python-headless>=5,<6".'
+    )
+    if sys.argv[:1] == ["-m"] or Path(sys.argv[0]).stem == "lanes":  # python -m lanes, lanes
+        sys.exit(f"error: {sentence}")
+    raise ImportError(sentence)
 
 
 def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math.inf) -> Callable[[str], Any]:

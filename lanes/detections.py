@@ -13,6 +13,7 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from lanes.errors import LaneError
 from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.labels import NO_POINT
-from lanes.pose import ensure_pose
 from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import read_frames
 from lanes.video.reader import TimedFrame
@@ -40,7 +40,8 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
     if info.mirrored:
         print(f"{video}: {MIRRORED_WORDS}")
     tracker = make_tracker(info.fps, camera, pose, settings.markings)
-    with closing(read_frames(video, info, progress=settings.progress)) as frames:
+    part: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s}
+    with closing(read_frames(video, info, progress=settings.progress, **part)) as frames:
         for frame, lane in track_frames(frames, tracker):
             names = {"raw_file": f"{video}#{frame.number}", "frame": frame.number}
             yield names | as_detection(lane, tracker.camera, rows, frame.latency_ms)
@@ -51,7 +52,7 @@ def detect_in_sequence(
 ) -> Iterator[dict]:
     """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
     camera = settings.camera_for(read_image(stills[0]).shape[1::-1], stills[0])
-    camera, pose = ensure_pose(camera, stills, markings=settings.markings)
+    camera, pose = settings.ensure_pose(camera, stills)
     if pose:
         print(pose.describe())
     images = (camera.require_size(read_image(path), path) for path in stills)

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
-from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from lanes.camera import HFOV_RANGE_DEG, Camera, camera_from_dict
+from lanes.camera import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_from_dict
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
-from lanes.video.robot_log import index_log, is_robot_log, open_log
+from lanes.video.log_reader import open_log
+from lanes.video.robot_log import index_log, is_robot_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
@@ -32,17 +33,25 @@ FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 class FieldOfView:
     """A horizontal field of view, and its source as text.
 
-    If it is `assumed`, which is a default and not a measurement, it is that of the longer side of the image.
+    If it is `assumed`, which is a default and not a measurement, it is that of the longer side of the image. `lens` is
+    as for `Camera.from_fov`; None for a narrow view, and for one that a calibration gives.
     """
 
     hfov_deg: float
     source: str
     assumed: bool = False
+    lens: str | None = None
 
     @property
     def words(self) -> str:
         """Text such as "field of view 62.6 deg, as a.jpg says (EXIF)"."""
-        return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}"
+        lens = f", {self.lens} lens" if self.lens else ""
+        return f"field of view {self.hfov_deg:.1f} deg, {'assumed' if self.assumed else self.source}{lens}"
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the numbers that depend on it may be very wrong: it is assumed, or wide and not calibrated."""
+        return self.assumed or bool(self.lens and self.hfov_deg > WIDE_HFOV_DEG)
 
     def across(self, size: tuple[int, int]) -> float:
         """Horizontal field of view in degrees of images of `size` (width, height)."""
@@ -52,13 +61,35 @@ class FieldOfView:
         return float(np.degrees(2 * np.arctan(np.tan(np.radians(self.hfov_deg) / 2) * width / height)))
 
     def describe(self) -> str:
-        """One sentence with value and source; for an assumed value also the effect of an error and what to do."""
+        """One sentence with value and source; if it is doubtful also the effect of an error and what to do."""
+        if self.doubtful and not self.assumed:
+            return f"{self.words}. {self._describe_wide()}"
         effect = (
             f", {self.source}; it is that of the longer side. Offset and lane width do not depend on it, but distances "
             "and curvature do: if the true "
             "value is 50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
         )
         return f"{self.words}{effect if self.assumed else ''}"
+
+    def _describe_wide(self) -> str:
+        """What a wide field of view alone does not say, and what to do."""
+        half_rad = np.radians(self.hfov_deg) / 2
+        ratio = float(np.tan(half_rad) / half_rad)  # of the focal lengths in the middle of the image
+        other, longer, stronger = LENSES[1], "longer", "weaker"
+        remedy = "if straight edges are bent, as in images of action cameras, give --hfov and --lens equidistant"
+        if self.lens == LENSES[1]:
+            other, longer, stronger = LENSES[0], "shorter", "stronger"
+            remedy = "if straight edges are straight up to the image border, give --lens pinhole"
+        return (
+            f"The angle does not say how the lens maps such a wide view: of the other kind ({other}) the focal length "
+            f"is {ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. Offset and "
+            "lane width do not depend on it. Give --boards for all numbers."
+        )
+
+
+def given_field_of_view(hfov_deg: float, lens: str | None = None) -> FieldOfView:
+    """A field of view from the command; a wide one is that of an equidistant lens, unless the lens is given."""
+    return FieldOfView(hfov_deg, GIVEN, lens=lens or (LENSES[1] if hfov_deg > WIDE_HFOV_DEG else None))
 
 
 def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
@@ -68,49 +99,105 @@ def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
     """
     if not is_robot_log(file):
         return None
-    space, _, images = index_log(file, topic).topic.removesuffix("/compressed").rpartition("/")
-    with open_log(file) as (reader, deserialize):
-        info = reader.topics.get(f"{space}/camera_info")
-        if not info or not info.msgcount:
+    log = index_log(file, topic)
+    space, _, images = log.topic.removesuffix("/compressed").rpartition("/")
+    with open_log(file) as reader:
+        known = (reader.topics.get(f"{space}/{name}") for name in ("camera_info", "calibration"))
+        info = next((t for t in known if t and t.count and t.kind in ("CameraInfo", "CameraCalibration")), None)
+        if not info:
             return None
-        connection, _, data = next(reader.messages(info.connections))
-        message = vars(deserialize(data, connection.msgtype))
-    entries = {name.lower(): value for name, value in message.items()}  # some are upper case in ROS 1
-    if "rect" in images:
-        entries |= {"k": entries["p"].reshape(3, 4)[:, :3], "d": [], "distortion_model": ""}
-    lens = {"camera_matrix": {"data": entries["k"]}, "distortion_coefficients": {"data": entries["d"]}}
-    size = {"image_width": entries["width"], "image_height": entries["height"]}
+        _, message = next(reader.messages(info.name))
+    entries = {name.lower(): value for name, value in vars(message).items()}  # some are upper case in ROS 1
+    if not np.any(entries["k"]):  # not calibrated
+        return None
     try:
-        return camera_from_dict(entries | lens | size) if entries["k"].any() else None  # zero if not calibrated
-    except (TypeError, ValueError, OverflowError) as error:
+        return _camera_of(entries, log.size, rectified="rect" in images)
+    except (CameraError, TypeError, ValueError, OverflowError) as error:
         raise CameraError(f"{file}: its camera_info is not usable ({error}); give --camera or --hfov.") from error
 
 
+def _camera_of(entries: dict[str, Any], size: tuple[int, int], *, rectified: bool) -> Camera:
+    """The camera of images of `size` by the entries of a `camera_info`, whose matrices are those of the whole sensor.
+
+    The images are a part of it, the region of interest, in which `binning` pixels are one (REP 104); or all of it.
+    """
+    matrix, width, height = np.reshape(entries["k"], (3, 3)), int(entries["width"]), int(entries["height"])
+    lens = {"distortion_model": entries.get("distortion_model"), "distortion_coefficients": {"data": entries["d"]}}
+    if rectified:
+        matrix = np.reshape(entries["p"], (3, 4))[:, :3]
+        lens = {"distortion_coefficients": {"data": []}}
+    content = {"image_width": width, "image_height": height, "camera_matrix": {"data": matrix.ravel()}, **lens}
+    camera = camera_from_dict(content)
+    roi, binning = entries.get("roi"), [max(1, int(entries.get(name, 0))) for name in ("binning_x", "binning_y")]
+    left, top = (int(getattr(roi, name, 0)) for name in ("x_offset", "y_offset"))
+    part = int(getattr(roi, "width", 0)) or width, int(getattr(roi, "height", 0)) or height
+    recorded = part[0] // binning[0], part[1] // binning[1]
+    # some drivers state binning, but matrices and size of the binned image
+    if size == camera.size or (part == camera.size and binning == [1, 1]):
+        return camera
+    cropped = replace(camera.cropped(left, top, part), width=recorded[0] * binning[0], height=recorded[1] * binning[1])
+    if not cropped.has_aspect_of(size):
+        sizes = f"that of {recorded[0]}x{recorded[1]} pixels, but the images have {size[0]}x{size[1]}"
+        raise ValueError(f"it is {sizes}: they were cropped")
+    return cropped.scaled(size)
+
+
 def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
-    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`."""
+    """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`.
+
+    Raises LaneError or OSError if all files are robot logs that cannot be used.
+    """
+    failures: list[OSError | LaneError] = []
+    reason = "because neither the command nor the files name one"
+    files = list(files)
     for file in files:
-        if kind_of_file(file) == "picture" and (hfov_deg := read_hfov(file)):
-            return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)")
-        with suppress(OSError, LaneError):  # raised again when the log is read
+        if kind_of_file(file) == "picture":
+            hfov_deg, why_not = _read_exif(file)
+            if hfov_deg:  # it refers to a lens without distortion
+                lens = LENSES[0] if hfov_deg > WIDE_HFOV_DEG else None
+                return FieldOfView(hfov_deg, f"as {file.name} says (EXIF)", lens=lens)
+            reason = f"because {file.name} {why_not}" if why_not else reason
+        try:
             if camera := read_log_camera(file, topic):
                 return FieldOfView(camera.hfov_deg, f"as {file.name} says (camera_info)")
-    return FieldOfView(DEFAULT_HFOV_DEG, "because neither the command nor the files name one", assumed=True)
+        except (OSError, LaneError) as error:  # raised again when the log is read
+            failures.append(error)
+    if failures and len(failures) == len(files):
+        raise type(failures[0])("\n".join(map(str, failures)))
+    return FieldOfView(DEFAULT_HFOV_DEG, reason, assumed=True)
 
 
 def read_hfov(still: str | Path) -> float | None:
     """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
 
-    They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001).
+    They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001) of the image
+    that the camera took. That of a part of it is less.
     """
+    return _read_exif(still)[0]
+
+
+def _read_exif(still: str | Path) -> tuple[float | None, str]:
+    """See `read_hfov`; also why the focal length in the entries is not used, or nothing."""
     # Imported here, because it is needed only for stills without other information about the lens.
     from PIL import ExifTags, Image
 
     try:
         require_file(still, "picture")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
-            focal_mm = float(image.getexif().get_ifd(ExifTags.IFD.Exif)[ExifTags.Base.FocalLengthIn35mmFilm])
-            width, height = np.abs(upright_axes(orientation_of(image))) @ image.size
-        hfov_deg = float(np.degrees(2 * np.arctan(width / np.hypot(width, height) * FILM_DIAGONAL_MM / 2 / focal_mm)))
+            entries, size = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
+            focal_mm = float(entries[ExifTags.Base.FocalLengthIn35mmFilm])
+            names = ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight
+            taken = int(entries.get(names[0]) or size[0]), int(entries.get(names[1]) or size[1])
+            if taken == size[::-1]:  # turned by a program
+                taken = size
+            width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
+        diagonal_px = float(np.hypot(*taken))
+        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * FILM_DIAGONAL_MM / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
-        return None
-    return hfov_deg if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else None
+        return None, ""
+    # only a part with one side of the whole image was surely cut out and not resized
+    cut_out = (taken[0] == size[0] and taken[1] > size[1]) or (taken[1] == size[1] and taken[0] > size[0])
+    if taken != size and not cut_out:
+        of = f"{size[0]}x{size[1]} pixels, but its EXIF entries are those of {taken[0]}x{taken[1]}"
+        return None, f"has {of}: it was cropped or resized, which they do not say"
+    return (hfov_deg, "") if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else (None, "")

@@ -23,6 +23,8 @@ import yaml
 from filelock import FileLock, Timeout
 
 PARTIAL = ".partial"
+# End of the name of what is written next to the video of a robot log; it is unlike that of a log.
+MESSAGES_SUFFIX = ".lane.mcap"
 # A second writer waits this long for the lock: as long as it takes to write a small file.
 LOCK_TIMEOUT_S = 1.0
 # Longer names would leave no room for what is added to the name of a partial file; file systems allow 255 bytes.

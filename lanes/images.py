@@ -19,14 +19,17 @@ import numpy as np
 from lanes.errors import PictureError
 from lanes.files import require_file, write_atomically
 
-_WRITABLE = (".jpg", ".jpeg", ".png", ".webp", ".bmp", ".tif", ".tiff")
-_QUALITY_OPTIONS = {".webp": cv2.IMWRITE_WEBP_QUALITY} | dict.fromkeys((".jpg", ".jpeg"), cv2.IMWRITE_JPEG_QUALITY)
+# Names of JPEG; OpenCV does not know all of them.
+_JPEG = (".jpg", ".jpeg", ".jpe", ".jfif")
+_WRITABLE = (*_JPEG, ".png", ".webp", ".bmp", ".tif", ".tiff", ".avif")
+_QUALITY_OPTIONS = dict.fromkeys(_JPEG, cv2.IMWRITE_JPEG_QUALITY)
+_QUALITY_OPTIONS |= {".webp": cv2.IMWRITE_WEBP_QUALITY, ".avif": cv2.IMWRITE_AVIF_QUALITY}
 # Formats that are read, with Pillow's names, and the ends of the names of pictures and videos.
 READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
 PICTURE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
 VIDEO_NAMES = (
     r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc"
-    r"|bag|db3|mcap)$"
+    r"|(bag|db3|mcap)(\.zstd?)?)$"
 )
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those of the stored one.
 _UPRIGHT_AXES = {
@@ -144,7 +147,8 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
         raise PictureError(f"{path}: cannot write {kind}; end the name in .jpg or .png.")
     image = require_rgb(image, path)
     options = [_QUALITY_OPTIONS[suffix], jpeg_quality] if suffix in _QUALITY_OPTIONS else []
-    done, data = cv2.imencode(path.suffix, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
+    written_as = ".jpg" if suffix in _JPEG else path.suffix
+    done, data = cv2.imencode(written_as, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)
     if not done:
         raise PictureError(f"{path}: the image of shape {image.shape} could not be encoded as {path.suffix}.")
     write_atomically(path, data.tobytes())

@@ -1,8 +1,9 @@
 """The lane of a robot log as ROS 2 messages in an MCAP file, for Foxglove, RViz and PlotJuggler.
 
 They have the time stamps of the images. `/lane/lines` is a MarkerArray in the frame `base_link`, here the road frame: x
-forward, y left, z up, metres, from the road below the camera. The other topics are columns of the telemetry, with units
-in their names, one Float64 each, because every tool plots these; NaN if nothing is known.
+forward, y left, z up, metres, from the road below the camera, or beside it at the middle of the car. The other topics
+are columns of the telemetry, with units in their names, one Float64 each, because every tool plots these; NaN if
+nothing is known.
 """
 
 from __future__ import annotations
@@ -21,12 +22,10 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import road_height
 from lanes.draw import SHORTEST_M
-from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
+from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translate_write_errors
 from lanes.track.tracker import LaneTracker
 from lanes.video.robot_log import LogIndex
 
-# Suffix of the file, unlike that of a log.
-MESSAGES_SUFFIX = ".lane.mcap"
 TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
 TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
 # Shares of the reach of a line that have a point; width of lines; opacity of one that is seen, and of one that is not.
@@ -90,7 +89,8 @@ class LaneMessageWriter(TelemetryWriter):
         markers, reach_m = [], max(lane.left.reach_m, lane.right.reach_m, SHORTEST_M) if lane else 0.0
         for number, line in enumerate((*lane.lines, *lane.adjacent) if lane else (None,) * 4):
             x_m = SHARES * (line.reach_m if number > 1 else reach_m) if line else SHARES
-            yz_m = (line.y(x_m), road_height(line.model, x_m)) if line else ()
+            offset_m = lane.camera_offset_m if lane else 0.0
+            yz_m = (line.y(x_m) + offset_m, road_height(line.model, x_m)) if line else ()
             points = [t["Point"](*xyz) for xyz in np.column_stack([x_m, *yz_m]) if line and np.isfinite(xyz).all()]
             rgba = t["ColorRGBA"](*colour, SEEN_ALPHA if line and line.seen else INFERRED_ALPHA)
             action = t["Marker"].ADD if points else t["Marker"].DELETE

@@ -30,6 +30,7 @@ from lanes.errors import VideoError
 from lanes.files import read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
+from lanes.video.robot_log import file_of_log
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -145,7 +146,7 @@ def _summary_rows(finished: Sequence[FinishedDrive], failed: Mapping[Path, Excep
 
 def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:
     """Everything that the outputs of a drive depend on: input (path, size, time of change), settings and versions."""
-    status = require_file(video, "video", error=VideoError).stat()
+    status = require_file(file_of_log(video), "video", error=VideoError).stat()
     used = {name: value for name, value in vars(settings).items() if name not in ("output", "progress")}
     used["camera"] = settings.camera and camera_to_dict(settings.camera)
     used |= {"field": settings.field and asdict(settings.field), "markings": repr(settings.markings)}

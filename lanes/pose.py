@@ -84,6 +84,11 @@ class PoseEstimate:
         """The estimated pose."""
         return self.camera.require_pose()
 
+    @property
+    def given_height_m(self) -> float | None:
+        """The height, if it was given and not estimated."""
+        return None if self.height_std_m else self.pose.height_m
+
     def summary(self) -> dict[str, str]:
         """Each number with its standard deviation and its sign in words, by name."""
         pose, source = self.pose, "assumed" if self.height_std_m else "given"
@@ -115,7 +120,7 @@ class PoseEstimate:
         height_share = self.height_std_m / self.pose.height_m
         why = "the height is assumed" if self.lane_width_m is None else "lanes may be wider or narrower"
         width = f" and {height_share:.0%} ({why})" if height_share else ""
-        if self.camera.distortion.any():
+        if self.camera.calibrated:
             return f"expect offset and lane width to be good to 1 cm{width}, distances and curvature likewise"
         return (
             f"expect offset and lane width to be good to 3 cm{width}; distances ahead to be off as much as the focal "
@@ -136,7 +141,7 @@ def estimate_pose(
     source: str | Path | np.ndarray | Iterable[str | Path | np.ndarray],
     camera: Camera,
     *,
-    lane_width_m: float = LANE_WIDTH_M,
+    lane_width_m: float | None = None,
     height_m: float | None = None,
     max_pictures: int = POSE_PICTURES,
     start_s: float = 0.0,
@@ -157,8 +162,9 @@ def estimate_pose(
     source : path, array, or iterable of paths or of arrays
         A video, a picture, a folder of them, or a pattern such as ``drive/*.jpg``; or images (height, width, 3), uint8,
         RGB, raw, of the camera's size. All images are kept in memory; 20 to 60, spread over the drive, are enough.
-    lane_width_m : float
-        Distance between the centres of the ego lane's lines; it determines the height.
+    lane_width_m : float, optional
+        Distance between the centres of the ego lane's lines; it determines the height. By default `LANE_WIDTH_M` for
+        several images; the height of a single one is then assumed.
     height_m : float, optional
         Measured height of the camera above the road. If given, the lane width is not used.
     max_pictures : int
@@ -178,7 +184,7 @@ def estimate_pose(
     CameraError
         If the pose estimated from a single image sees no road.
     """
-    if not 2.0 <= lane_width_m <= 6.0:
+    if lane_width_m is not None and not 2.0 <= lane_width_m <= 6.0:
         raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
     if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
         raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
@@ -199,8 +205,11 @@ def estimate_pose(
         if alone:
             log_std = PRIOR_HEIGHT_LOG_STD if height_m is None else 0.0
             still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings)
+            if lane_width_m and log_std and still.lane:
+                return _with_lane_width(first[0], still, lane_width_m, direction, markings)
             return _pose_from_still(still, log_std, direction)
-        return _pose_from_lanes(resized, resized_camera.with_pose(start), lane_width_m, height_m, progress, markings)
+        width_m = lane_width_m or LANE_WIDTH_M
+        return _pose_from_lanes(resized, resized_camera.with_pose(start), width_m, height_m, progress, markings)
 
     estimate = estimate_from(edges)
     if 2 * estimate.frames_used < estimate.frames_total:
@@ -225,6 +234,18 @@ def _pose_from_still(still: StillDetection, log_std: float, direction: Direction
     )
 
 
+def _with_lane_width(
+    image: np.ndarray, still: StillDetection, lane_width_m: float, direction: Direction, markings: Markings | None
+) -> PoseEstimate:
+    """The pose of a single image at the height at which its lane has a given width."""
+    pose, lane = still.camera.require_pose(), still.lane
+    height_m = float(np.clip(pose.height_m * lane_width_m / (lane.width_m if lane else lane_width_m), *HEIGHT_RANGE_M))
+    still = detect_with_own_pose(image, still.camera.with_pose(replace(pose, height_m=height_m)), 0.0, markings)
+    estimate = _pose_from_still(still, LANE_WIDTH_STD_M / lane_width_m, direction)
+    note = "the roll is assumed, and the yaw contains the car's heading in its lane"
+    return replace(estimate, lane_width_m=lane_width_m, notes=(note,))
+
+
 def _first_images(images: list[np.ndarray]) -> list[np.ndarray]:
     """At most `FIRST_IMAGES` of the images, evenly spaced."""
     chosen = np.linspace(0, len(images) - 1, min(len(images), FIRST_IMAGES)).round().astype(int)
@@ -247,7 +268,7 @@ def detect_in_drive(
     found = detect_with_own_pose(image, camera, 0.0, markings)
     if found.confidence < SURE_CONFIDENCE or drive.lane_width_m is None:
         with suppress(CameraError):
-            own = estimate_pose(image, camera, markings=markings)
+            own = estimate_pose(image, camera, height_m=drive.given_height_m, markings=markings)
             if own.still and own.still.confidence > found.confidence:
                 return own.still, own
     return found, drive

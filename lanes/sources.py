@@ -13,8 +13,9 @@ from pathlib import Path
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.files import list_files, require_no_input_among
+from lanes.files import MESSAGES_SUFFIX, list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
+from lanes.video.log_reader import is_bag_folder
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
 
 # Reading this much of a video takes about as long as reopening it at another time.
@@ -23,7 +24,10 @@ SEEK_S = 2.0
 
 @dataclass(frozen=True)
 class Sources:
-    """Videos and stills without duplicates, in natural order within a folder; `skipped` files are neither."""
+    """Videos and stills without duplicates, in natural order within a folder.
+
+    `skipped` files are neither, or messages of a lane that were written here.
+    """
 
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
@@ -39,18 +43,22 @@ def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
     Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``. Pictures and videos are distinguished by their names (`kind_of_file`). A file named directly
-    that is not a picture is read as a video. Raises FileNotFoundError for a name that stands for no file.
+    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Pictures and videos are distinguished by their names
+    (`kind_of_file`). A file named directly that is not a picture is read as a video. Raises FileNotFoundError for a
+    name that stands for no file.
     """
     files: dict[Path, str] = {}
     skipped: list[Path] = []
     for name in names:
-        in_folder = bool(name) and Path(name).is_dir()
-        kinds = {path: kind_of_file(path) or (None if in_folder else "video") for path in _files(name)}
+        in_folder = bool(name) and Path(name).is_dir() and not is_bag_folder(name)
+        found = {path: path.name.endswith(MESSAGES_SUFFIX) for path in _files(name)}
+        kinds = {p: None if own else kind_of_file(p) or (None if in_folder else "video") for p, own in found.items()}
         skipped += [path for path, kind in kinds.items() if kind is None]
         if in_folder and not any(kinds.values()):
             raise FileNotFoundError(f"{name}: holds neither a video nor a picture; name another folder.")
         files |= {path: kind for path, kind in kinds.items() if kind}
+    if skipped and not files:
+        raise FileNotFoundError(f"{skipped[0]}: was written by annotate; name the log that it is of.")
     videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "picture"))
     return Sources(videos, stills, tuple(skipped))
 
@@ -73,12 +81,12 @@ def _files(name: str) -> list[Path]:
         path.exists()
     except PermissionError as error:
         raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
-    if name and path.is_dir():
+    if name and path.is_dir() and not is_bag_folder(path):
         found = list_files(path)
     elif name and path.exists():
         return [path]
     else:
-        found = [Path(match) for match in glob(name, recursive=True) if Path(match).is_file()]
+        found = [Path(match) for match in glob(name, recursive=True) if Path(match).is_file() or is_bag_folder(match)]
         if not found:
             raise FileNotFoundError(f"{name}: there is no such file or folder; check the name.")
     return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))

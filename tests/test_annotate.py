@@ -34,6 +34,17 @@ def quietly(sources: object, output: Path, camera: Camera | None = SMALL, **opti
     return annotate(sources, output, camera, progress=False, **options)
 
 
+@pytest.mark.parametrize("name", ["photo.jpe", "PHOTO.JFIF", "photo.avif", "photo.TIFF"])
+def test_a_still_is_written_under_its_name(tmp_path, name):
+    kind = {"avif": "AVIF", "tiff": "TIFF"}.get(name.lower().rpartition(".")[2], "JPEG")
+    Image.fromarray(BENDS.frame(0)).save(tmp_path / name, kind)
+    (result,) = quietly(tmp_path / name, tmp_path / "out")
+    assert result.outputs[0] == tmp_path / "out" / name
+    with Image.open(tmp_path / "out" / name) as written:
+        assert written.format == kind
+    assert read_image(tmp_path / "out" / name).shape == (360, 640, 3)
+
+
 # --- videos
 
 

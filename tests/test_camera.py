@@ -170,11 +170,13 @@ class TestSizes:
         with pytest.raises(CameraError, match=f"{fov} degrees"):
             Camera.from_fov((640, 480), fov)
 
+    @pytest.mark.parametrize("lens", [None, "pinhole", "equidistant"])
     @pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
-    def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg):
-        camera = Camera.from_fov((1920, 1080), hfov_deg)
+    def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg, lens):
+        camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
+        assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
         assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
-        left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 0], [1919.5, 0]]))[:, 0]))
+        left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
         assert right - left == pytest.approx(hfov_deg)
 
     def test_undistort_refuses_another_size(self):
@@ -206,7 +208,10 @@ class TestCameraFile:
         np.testing.assert_array_equal(loaded.distortion, lens.distortion)
 
     def test_the_layout_is_that_of_ros_and_the_pose_is_geometry_only(self, content):
-        assert content["camera_matrix"] == {"rows": 3, "cols": 3, "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1]}
+        assert content["camera_matrix"] == {
+            **{"rows": 3, "cols": 3, "dt": "d"},
+            "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1],
+        }
         assert content["distortion_model"] == "plumb_bob"
         assert content["calibration"]["boards_used"] == 2
         assert set(content["pose"]) == {"height_m", "pitch_rad", "yaw_rad", "roll_rad"}
@@ -266,17 +271,17 @@ class TestCameraFile:
             ("image_width", float("nan")),
             ("image_height", float("inf")),
             ("image_height", "tall"),
-            ("distortion_model", "fisheye"),
+            ("distortion_model", "spherical"),
             ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1.0, 2.0]}),
             ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
-            ("camera_matrix", {"data": [1000.0, 3, 640, 0, 1000, 360, 0, 0, 1]}),
+            ("camera_matrix", {"data": [1000.0, 30, 640, 0, 1000, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
             ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
             ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
             ("image_height", 10**9),
             ("distortion_coefficients", {"data": [0.1] * 3}),
-            ("distortion_coefficients", {"data": [0.1] * 8}),
+            ("distortion_coefficients", {"data": [0.1] * 12}),
             ("distortion_coefficients", None),
             ("pose", None),
             ("pose", {"height": 1.3}),

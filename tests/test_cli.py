@@ -116,7 +116,9 @@ def motorway(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("motorway")
     camera = Camera.from_fov((960, 540), 66, CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6)))
     save_camera(replace(camera, pose=None), folder / "lens.yaml")
-    save_camera(replace(camera, pose=None, distortion=np.array([-0.01, 0, 0, 0, 0])), folder / "bent.yaml")
+    save_camera(
+        replace(camera, pose=None, calibrated=True, distortion=np.array([-0.01, 0, 0, 0, 0])), folder / "bent.yaml"
+    )
     for i in range(2):
         write_image(folder / f"still{i}.jpg", paint_motorway(camera, offset_m=0.3 * i, phase_m=5 * i, seed=i))
     with VideoWriter(folder / "drive.mp4", fps=2) as video:

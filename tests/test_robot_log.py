@@ -132,6 +132,17 @@ def test_the_lines_of_the_messages_are_those_of_the_table_and_of_the_road(annota
     assert table["state"][-1] == "tracking"
 
 
+def test_the_frame_of_the_messages_is_at_the_middle_of_the_car(tmp_path, images):
+    """The table has the lines as the camera sees them, 0.4 m left of the middle."""
+    path = logs.write_log(tmp_path / "drive.mcap", images, TIMES_S)
+    table = annotate_drive(path, settings_for(tmp_path, camera=SMALL, camera_offset_m=0.4)).telemetry
+    lines = read_back(tmp_path / "drive.lane.mcap")["/lane/lines"]
+    for side, marker in zip(("left", "right"), lines[-1][1].markers, strict=False):
+        assert marker.points[0].y == pytest.approx(table[f"{side}_c0_m"][-1] + 0.4, abs=1e-6)
+    middle_m = -(table["left_c0_m"][-1] + table["right_c0_m"][-1]) / 2 - 0.4
+    assert table["offset_m"][-1] == pytest.approx(middle_m, abs=0.01)
+
+
 def test_a_line_that_is_not_known_is_deleted_and_its_numbers_are_not_a_number(tmp_path, images):
     black = [np.zeros_like(images[0])] * 3
     path = logs.write_log(tmp_path / "night.bag", black, TIMES_S[:3])

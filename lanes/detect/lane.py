@@ -200,6 +200,8 @@ class Lane:
         Time to line crossing; None of a single image.
     confidence_shift : float
         Added to the log odds of the confidence; that of the network that found the markings (docs/own_network.md).
+    camera_offset_m : float
+        Position of the camera left of the middle of the car (`Camera.offset_m`). The lines are relative to the camera.
     """
 
     model: np.ndarray
@@ -216,6 +218,7 @@ class Lane:
     departure: Departure | None = field(default=None, repr=False)
     far_evidence: FarEvidence = (None, None)
     confidence_shift: float = 0.0
+    camera_offset_m: float = 0.0
 
     @property
     def tracked(self) -> bool:
@@ -234,8 +237,8 @@ class Lane:
 
     @property
     def offset_m(self) -> float:
-        """Position of the car left of the lane centre."""
-        return float(-self.model[CENTRE])
+        """Position of the middle of the car left of the lane centre."""
+        return float(-self.model[CENTRE]) - self.camera_offset_m
 
     @property
     def offset_std_m(self) -> float:

@@ -82,6 +82,7 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
         clear_share=clear_share(fit),
         far_evidence=observe_far_lines(fit, evidence),
         confidence_shift=evidence.confidence_shift,
+        camera_offset_m=evidence.view.camera.offset_m,
     )
     return Search(votes, near, fit, lane)
 

@@ -23,7 +23,8 @@ MAX_POINTS = 1000
 
 def pick_stills(video: Path, settings: DriveSettings, count: int) -> Iterator[Path]:
     """Yield the paths of frames spread over a part of a video, written as PNG; those of an earlier session stay."""
-    for k, image in enumerate(sample_images([video], count, start_s=settings.start_s, end_s=settings.end_s), 1):
+    part: dict[str, Any] = {"start_s": settings.start_s, "end_s": settings.end_s, "topic": settings.topic}
+    for k, image in enumerate(sample_images([video], count, **part), 1):
         path = settings.output / f"{video.stem}_{k:02d}_of_{count}.png"
         if not path.exists():
             write_image(path, image)

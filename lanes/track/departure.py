@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +15,9 @@ HALF_TRACK_M = 0.9
 # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
 # are perceived as false.
 WARN_S = 1.0
+# Warnings in more than this share of the tracked frames are due to the place of the camera: on motorways cars leave
+# their lane every few minutes, for seconds.
+MANY_WARNINGS = 0.2
 
 
 @dataclass(frozen=True)
@@ -41,14 +45,25 @@ class Departure:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def watch_departure(lane: np.ndarray, motion: CarMotion) -> Departure:
-    """Time to line crossing of a car in a lane (15,).
+def describe_many_warnings(rows: Mapping[str, np.ndarray]) -> str | None:
+    """Words about a drive whose telemetry, columns (N,), has warnings most of the time; None if it has few."""
+    tracked, warned = np.isfinite(rows["offset_m"]).sum(), np.isin(rows["departure"], ("left", "right")).sum()
+    if warned <= MANY_WARNINGS * tracked:
+        return None
+    return (
+        f"lane departure warnings in {warned} of {tracked} frames; they are those of a car {2 * HALF_TRACK_M:g} m wide "
+        "with the camera in the middle: if it is elsewhere, give --camera-offset."
+    )
+
+
+def watch_departure(lane: np.ndarray, motion: CarMotion, camera_offset_m: float = 0.0) -> Departure:
+    """Time to line crossing of a car in a lane (15,), which is relative to its camera (`Camera.offset_m`).
 
     A warning is due only if the car would also cross the line with its course and its turning one standard deviation
     nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
     first positive root.
     """
-    left_m, right_m = (line_coefficients(lane, side)[0] for side in (LEFT_SIDE, RIGHT_SIDE))
+    left_m, right_m = (line_coefficients(lane, side)[0] + camera_offset_m for side in (LEFT_SIDE, RIGHT_SIDE))
     left, right = left_m - HALF_TRACK_M, -right_m - HALF_TRACK_M
     speed, heading = motion.speed_mps, float(lane[HEADING]) - motion.course_rad
     turning = float(lane[CURVATURE]) - motion.path_per_m

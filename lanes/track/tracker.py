@@ -342,6 +342,7 @@ class LaneTracker:
         The far lines of the adjacent lane are unknown until the next search.
         """
         centre, width = estimate.lane[[CENTRE, WIDTH]]
+        centre += self.view.camera.offset_m  # seen from the middle of the car
         if abs(centre) < width / 2 + self.settings.lane_change_m:
             return estimate, lines, far
         prior = self.settings.detector.fit.prior
@@ -388,7 +389,8 @@ class LaneTracker:
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
         motion = car_motion(estimate, self.settings.filter)
-        departure = watch_departure(model, motion)
+        camera_offset_m = self.view.camera.offset_m
+        departure = watch_departure(model, motion, camera_offset_m)
         lane = Lane(
             state=self._state,
             model=model,
@@ -403,6 +405,7 @@ class LaneTracker:
             departure=departure,
             far_evidence=far,
             confidence_shift=getattr(self.markings, "confidence_shift", 0.0),
+            camera_offset_m=camera_offset_m,
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
             return replace(lane, departure=replace(departure, due=False))

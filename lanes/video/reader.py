@@ -39,7 +39,7 @@ from lanes.video.container import (
     translate_errors,
 )
 from lanes.video.orientation import MIRRORED, frame_orientation, is_transposed, make_upright
-from lanes.video.robot_log import decode_image, index_log, is_robot_log, open_log
+from lanes.video.robot_log import index_log, is_robot_log, read_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
@@ -68,6 +68,7 @@ class VideoInfo:
     missing: int = 0
     topic: str | None = None  # of the images in a robot log
     mirrored: bool = False  # by the display matrix, as players show it
+    note: str = ""  # what was changed of the times of a robot log, in words
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +93,8 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     if is_robot_log(path):
         log = index_log(path, topic)
         count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
-        return VideoInfo(*log.size, log.fps, count, length_s, False, int(log.numbers[-1]) + 1 - count, topic=log.topic)
+        missing = int(log.numbers[-1]) + 1 - count
+        return VideoInfo(*log.size, log.fps, count, length_s, False, missing, topic=log.topic, note=log.note)
     with open_video(path) as container:
         stream = container.streams.video[0]
         stored, stamps, end_s, first = 0, [], 0.0, None
@@ -135,17 +137,11 @@ def inspect_turn(path: str | Path) -> int:
 
 def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
     log, until_s, last_s = index_log(path, topic), math.inf if end_s is None else end_s, None
-    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s])
-    begin_ns = log.recorded_ns[min(first, len(log.times_s) - 1)]
-    with open_log(path) as (reader, deserialize):
-        messages = reader.messages(reader.topics[log.topic].connections, start=int(begin_ns))
-        places = range(int(np.searchsorted(log.recorded_ns, begin_ns)), int(end))
-        for place, (connection, _, data) in zip(places, messages, strict=False):
-            image = decode_image(deserialize(data, connection.msgtype), f"{path}: {log.topic}")
-            if image is not None and place >= first:
-                number, time_s = log.numbers[place].item(), log.times_s[place].item()
-                yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
-                last_s = time_s
+    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
+    for index, image in read_log(path, log, first, end):
+        number, time_s = log.numbers[index].item(), log.times_s[index].item()
+        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+        last_s = time_s
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:

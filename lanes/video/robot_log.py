@@ -1,37 +1,45 @@
-"""Robot logs: the images on one topic of a ROS 1 bag (.bag) or a ROS 2 bag (.db3, .mcap), read with rosbags.
-
-A log behaves like a video: `lanes.video.reader` makes frames of it. No definitions of messages are read from the log.
-"""
+"""Robot logs behave like videos: the images on one topic with their times, of which `reader` makes frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from lanes.errors import LaneError, VideoError
+from lanes.errors import VideoError
 from lanes.files import require_file
 from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
+from lanes.video.log_images import VideoDecoder, count_bits, decode_image, find_peak, is_key_frame
+from lanes.video.log_reader import LOG_NAMES, METADATA, Topic, is_bag_folder, open_log
 
-IMAGE_TYPES = ("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage")
-# Encodings of raw images (sensor_msgs/image_encodings.hpp): bytes per pixel, and OpenCV's conversion to RGB.
-ENCODINGS: dict[str, tuple[int, int | None]] = {"rgb8": (3, None), "bgr8": (3, cv2.COLOR_BGR2RGB)}
-ENCODINGS |= {"rgba8": (4, cv2.COLOR_RGBA2RGB), "bgra8": (4, cv2.COLOR_BGRA2RGB), "mono8": (1, cv2.COLOR_GRAY2RGB)}
-ENCODINGS |= {f"bayer_{p.lower()}8": (1, getattr(cv2, f"COLOR_Bayer{p}2RGB")) for p in ("RGGB", "BGGR", "GBRG", "GRBG")}
+# Types of messages with an image each, and others of videos.
+IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
+OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
+PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
+# Encodings of messages that are read.
+READ = ("cdr", "ros1", "protobuf", "json")
+# A stamp is an outlier if it is farther than this from the median of those of five images.
+OUTLIER_S = 1.0
+# A longer step is that of a clock, or joins two recordings. It is shortened to a step after which the tracker starts
+# again.
+JUMP_S, SHORTENED_S = 60.0, 5.0
+# Images whose largest values are looked at.
+PEAKS = 16
 
 
 @dataclass(frozen=True, eq=False)
 class LogIndex:
-    """The images on a topic, (N,), in the order of their recording, and their width and height.
+    """The images on a topic, (N,), in the order of their times, and their width and height.
 
     `stamps_ns` are from the headers, since 1970, or from the recording if headers have none or restart. `times_s` count
-    from the first image; `numbers` skip missing images if the rate is constant.
+    from the first image; `numbers` skip missing images if the rate is constant. `places` are their places among the
+    messages of the topic. `note` says in words what was changed of the times; empty if nothing was. Images of a video
+    in a `codec` are decoded from one of the `key_frames` (N,) on.
     """
 
     topic: str
@@ -41,11 +49,21 @@ class LogIndex:
     recorded_ns: np.ndarray
     times_s: np.ndarray
     numbers: np.ndarray
+    places: np.ndarray
+    bits: int
+    note: str = ""
+    codec: str = ""
+    key_frames: np.ndarray | None = None
 
 
 def is_robot_log(path: str | Path) -> bool:
-    """Whether a file is a robot log: by its name, as rosbags decides."""
-    return Path(path).suffix in (".bag", ".db3", ".mcap")
+    """Whether a file is a robot log, by its name, or a folder is a recording of ROS 2."""
+    return bool(re.search(LOG_NAMES, str(path))) or is_bag_folder(path)
+
+
+def file_of_log(path: Path) -> Path:
+    """The file that says which recording a path is: of the folder of one its metadata, else the path itself."""
+    return path / METADATA if is_bag_folder(path) else path
 
 
 def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
@@ -53,75 +71,145 @@ def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
 
     Raises FileNotFoundError, or VideoError if the log cannot be read, or has no such images, or several cameras.
     """
-    path = require_file(path, "robot log", error=VideoError)
-    return _index_log(path, topic, path.stat().st_mtime_ns)
+    path = Path(path)
+    version = require_file(file_of_log(path), "robot log", error=VideoError).stat().st_mtime_ns
+    return _index_log(path, topic, version)
 
 
 @lru_cache(maxsize=4)
 def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
-    found, first = [], None
-    with open_log(path) as (reader, deserialize):
-        topic = _choose_topic(path, reader.topics, topic)
-        for connection, recorded_ns, data in reader.messages(reader.topics[topic].connections):
-            message = deserialize(data, connection.msgtype)
-            found.append((message.header.stamp.sec * 10**9 + message.header.stamp.nanosec, recorded_ns))
-            first = decode_image(message, f"{path}: {topic}") if first is None else first
+    found, peaks, codec, keys = [], [], "", []
+    with open_log(path) as log:
+        topic = _choose_topic(path, log.topics, topic)
+        name, every = f"{path}: {topic}", max(1, log.topics[topic].count // PEAKS)
+        for place, (recorded_ns, message) in enumerate(log.messages(topic)):
+            found.append((_stamp_ns(message), recorded_ns))
+            if log.topics[topic].kind == "CompressedVideo":
+                codec = codec or str(message.format).lower()
+                keys.append(is_key_frame(message.data, codec))
+            elif place % every == 0:
+                peaks.append(find_peak(message, name))
+        first = next((image for _, image in _decode(log.messages(topic), range(len(found)), codec, name)), None)
     if first is None:
         raise VideoError(f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG.")
-    stamps_ns, recorded_ns = np.array(found).T
-    if not stamps_ns.all() or (np.diff(stamps_ns) < -1e9 * CLOCK_RESET_S).any():
-        stamps_ns = recorded_ns
-    times_s = np.maximum.accumulate(stamps_ns - stamps_ns[0]) / 1e9
-    steps_s = np.diff(times_s)
-    usual_s = steps_s[(steps_s > 0) & (steps_s < 1.5 * np.median(steps_s[steps_s > 0]))] if times_s[-1] else [np.inf]
-    fps = round(float(1 / np.mean(usual_s)), 6)
+    stamps_ns, recorded_ns = np.array(found, np.int64).T
+    stamps_ns, outliers = _usable_stamps(stamps_ns, recorded_ns)
+    order = np.argsort(stamps_ns, kind="stable")
+    stamps_ns, recorded_ns = stamps_ns[order], recorded_ns[order]
+    steps_s = np.diff(stamps_ns) / 1e9
+    jumps, note = steps_s > JUMP_S, _describe_times(outliers, steps_s)
+    steps_s[jumps] = SHORTENED_S
+    fps = _usual_rate(steps_s)
     if not MIN_FPS <= fps <= MAX_FPS:
         raise VideoError(f"{path}: has {len(found)} images on {topic}, {fps:g} per second; name a log of a drive.")
     constant = (steps_s * fps < MIN_STEP).mean() <= MAX_SHORT_SHARE
-    numbers = np.append(0, np.cumsum(np.maximum(np.rint(steps_s * fps), 1) if constant else np.ones(len(steps_s))))
-    return LogIndex(topic, first.shape[1::-1], fps, stamps_ns, recorded_ns, times_s, numbers.astype(int))
+    skipped = np.where(constant & ~jumps, np.maximum(np.rint(steps_s * fps), 1), 1)
+    times_s, numbers = np.append(0, np.cumsum(steps_s)), np.append(0, np.cumsum(skipped)).astype(int)
+    size, bits, key_frames = first.shape[1::-1], count_bits(peaks), np.array(keys)[order] if keys else None
+    return LogIndex(topic, size, fps, stamps_ns, recorded_ns, times_s, numbers, order, bits, note, codec, key_frames)
 
 
-def decode_image(message: Any, name: str = "image") -> np.ndarray | None:
-    """The RGB image (height, width, 3), uint8, of a ROS message, raw or compressed; None if it is damaged.
+def read_log(path: str | Path, log: LogIndex, first: int, end: int) -> Iterator[tuple[int, np.ndarray]]:
+    """(index, image) of the images first <= index < `end` of a log in order, without damaged ones."""
+    if first >= end:
+        return
+    begin = first
+    if log.key_frames is not None:
+        begin = int(np.flatnonzero(log.key_frames[: first + 1])[-1]) if log.key_frames[: first + 1].any() else 0
+    begin_ns = int(log.recorded_ns[begin:end].min())
+    # Where each message that is read from there on comes in the order of the times.
+    indices = np.argsort(log.places)[np.sort(log.places[log.recorded_ns >= begin_ns])]
+    with open_log(path) as reader:
+        messages = _in_order(zip(indices.tolist(), reader.messages(log.topic, begin_ns), strict=False), begin, end)
+        for index, image in _decode(messages, range(begin, end), log.codec, f"{path}: {log.topic}", log.bits):
+            if index >= first:
+                yield index, image
 
-    Raises VideoError about `name` if raw pixels have an encoding that is not one of `ENCODINGS`.
-    """
-    data = np.frombuffer(message.data, np.uint8)
-    if hasattr(message, "format"):
-        options = cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION
-        return cv2.imdecode(data, options) if len(data) else None
-    if message.encoding not in ENCODINGS:
-        raise VideoError(f"{name} has the encoding {message.encoding!r}; record one of {', '.join(ENCODINGS)}.")
-    (channels, code), height, width, step = ENCODINGS[message.encoding], message.height, message.width, message.step
-    if not 0 < width * channels <= step or not 0 < height * step <= len(data):
-        return None
-    pixels = data[: height * step].reshape(height, step)[:, : width * channels].reshape(height, width, channels)
-    return pixels.copy() if code is None else cv2.cvtColor(pixels, code)
+
+def _in_order(messages: Iterable[tuple[int, tuple[int, Any]]], begin: int, end: int) -> Iterator[tuple[int, Any]]:
+    """The (time of the recording, message) with the indices begin <= index < `end`, sorted by them."""
+    waiting: dict[int, tuple[int, Any]] = {}
+    for index, message in messages:
+        if begin <= index < end:
+            waiting[index] = message
+        while begin in waiting:
+            yield waiting.pop(begin)
+            begin += 1
+        if begin >= end:
+            return
 
 
-def _choose_topic(path: Path, topics: dict[str, Any], topic: str | None) -> str:
-    images = sorted(name for name, info in topics.items() if info.msgtype in IMAGE_TYPES and info.msgcount)
+def _decode(
+    messages: Iterable[tuple[int, Any]], indices: range, codec: str, name: str, bits: int | None = None
+) -> Iterator[tuple[int, np.ndarray]]:
+    """(index, image) of messages that can be decoded; of a video if there is a `codec`."""
+    video = VideoDecoder(codec, name) if codec else None
+    for index, (_, message) in zip(indices, messages, strict=False):
+        if video:
+            yield from video.decode(message.data, index)
+        elif (image := decode_image(message, name, bits=bits)) is not None:
+            yield index, image
+    if video:
+        yield from video.flush()
+
+
+def _stamp_ns(message: Any) -> int:
+    """The time in the header of a message of ROS, or of Foxglove's schemas."""
+    stamp = message.header.stamp if hasattr(message, "header") else message.timestamp
+    fields: dict[str, int] = stamp if isinstance(stamp, dict) else vars(stamp)
+    return int(fields.get("sec", 0)) * 10**9 + int(fields.get("nanosec", fields.get("nsec", 0)))
+
+
+def _usable_stamps(stamps_ns: np.ndarray, recorded_ns: np.ndarray) -> tuple[np.ndarray, int]:
+    """The stamps in the order of recording, and how many outliers were replaced; or the times of the recording."""
+    outliers = _find_outliers(stamps_ns)
+    good = np.flatnonzero(~outliers)
+    if outliers.any() and len(good) > 1:
+        # from the first one on, because floats of nanoseconds since 1970 have steps of 256
+        base = stamps_ns[good[0]]
+        between = np.interp(np.arange(len(stamps_ns)), good, (stamps_ns[good] - base).astype(float))
+        stamps_ns = np.where(outliers, base + np.rint(between).astype(np.int64), stamps_ns)
+    restarts = (np.maximum.accumulate(stamps_ns) - stamps_ns).max() > 1e9 * CLOCK_RESET_S
+    if not stamps_ns.all() or restarts or (len(stamps_ns) > 1 and np.ptp(stamps_ns) == 0):
+        return recorded_ns, 0
+    return stamps_ns, int(outliers.sum())
+
+
+def _find_outliers(stamps_ns: np.ndarray) -> np.ndarray:
+    """Which stamps (N,) are far from the median of five in a row."""
+    if len(stamps_ns) < 3:
+        return np.zeros(len(stamps_ns), bool)
+    # continued beyond the ends by a reflection: the median of stamps in order is always the one in the middle
+    before, after = 2 * stamps_ns[0] - stamps_ns[2:0:-1], 2 * stamps_ns[-1] - stamps_ns[-2:-4:-1]
+    five = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, stamps_ns, after]), 5)
+    usual_ns = np.median(np.abs(np.diff(stamps_ns)))
+    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9 * OUTLIER_S, 3 * usual_ns)
+
+
+def _describe_times(outliers: int, steps_s: np.ndarray) -> str:
+    """What is changed of the times, in words; empty if nothing is."""
+    jumps = int((steps_s > JUMP_S).sum())
+    words = [f"{outliers} time stamps far from those of the images around them are replaced"] if outliers else []
+    if jumps:
+        words.append(f"{jumps} jumps of its clock, of up to {steps_s.max():.0f} s, are shortened to {SHORTENED_S:g} s")
+    return "; ".join(words)
+
+
+def _usual_rate(steps_s: np.ndarray) -> float:
+    """Images per second between gaps."""
+    known_s = steps_s[steps_s > 0]
+    usual_s = known_s[known_s < 1.5 * np.median(known_s)] if len(known_s) else [np.inf]
+    return round(float(1 / np.mean(usual_s)), 6)
+
+
+def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> str:
+    known = [t for t in topics.values() if t.count]
+    images = sorted(t.name for t in known if t.kind in IMAGE_KINDS and t.package in PACKAGES and t.encoding in READ)
     if topic in images or (topic is None and len({name.removesuffix("/compressed") for name in images}) == 1):
         return topic or images[0]  # raw images come before their compressed copies
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"
+    others = [t for t in known if t.kind in (*IMAGE_KINDS, *OTHER_KINDS) and t.name not in images]
+    if others and (not images or any(t.name == topic for t in others)):
+        listed = ", ".join(f"{t.type_name} on {t.name}" for t in others)
+        raise VideoError(f"{path}: has {listed}, which is not read; record images, or convert a video in it to mp4.")
     raise VideoError(f"{path}: has images on {there}{f', not on {topic}' if topic else ''}; {remedy}.")
-
-
-@contextmanager
-def open_log(path: Path | str) -> Iterator[tuple[Any, Callable]]:
-    """Reader of a log, and the function that deserializes its messages; errors of the block become a VideoError."""
-    path, ros1 = Path(path), Path(path).suffix == ".bag"
-    try:
-        from rosbags import rosbag1, rosbag2
-        from rosbags.typesys import Stores, get_typestore
-
-        store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_HUMBLE)
-        with rosbag1.Reader(path) if ros1 else rosbag2.Reader(path) as reader:
-            yield reader, store.deserialize_ros1 if ros1 else store.deserialize_cdr
-    except LaneError:
-        raise
-    except ImportError as error:
-        raise VideoError(f"{path}: robot logs need rosbags, which is missing; run `pip install rosbags`.") from error
-    except Exception as error:  # damaged files make rosbags raise many types
-        raise VideoError(f"{path}: is cut off, damaged, encrypted or no robot log ({error}); copy it again.") from error

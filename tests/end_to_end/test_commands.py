@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import signal
+import sys
 import time
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from lanes.files import read_telemetry
 from lanes.images import write_image
 from lanes.video.reader import read_video
 from tests.support.clips import write_drive
-from tests.support.command_line import PROGRAMS, run, start
+from tests.support.command_line import PROGRAMS, popen, run, start
 from tests.support.painted_drive import BENDS
 from tests.support.project import ROOT
 
@@ -103,3 +104,14 @@ def test_simulator(tmp_path):
     assert np.abs(again - committed).mean() < 2
     rows = [(folder / "project_video.csv").read_text().splitlines()[:2] for folder in videos]
     assert rows[0] == rows[1]
+
+
+@pytest.mark.parametrize("words", [["-m", "lanes", "annotate", "drive.mp4"], ["-c", "import lanes"]])
+def test_an_older_opencv_ends_with_one_sentence(tmp_path, words):
+    (tmp_path / "cv2").mkdir()
+    (tmp_path / "cv2" / "__init__.py").write_text('__version__ = "4.11.0"\n')
+    with popen([sys.executable, *words], cwd=tmp_path) as child:
+        _, err = child.communicate(timeout=60)
+    assert child.returncode == 1
+    assert "OpenCV 4.11.0 is installed, but lanes needs 5; run pip" in err.strip().splitlines()[-1]
+    assert ("Traceback" in err) == (words[0] == "-c")  # of an import, as Python prints it

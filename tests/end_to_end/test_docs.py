@@ -92,6 +92,20 @@ def test_the_readme_is_short_and_its_animation_is_small():
     assert 200_000 < (ROOT / "docs" / "pictures" / "tracked.webp").stat().st_size < 1_500_000
 
 
+def test_each_kind_of_robustness_names_a_test_that_exists():
+    """In every table of the page whose last column is the test."""
+    lines = (ROOT / "docs" / "robustness.md").read_text(encoding="utf-8").splitlines()
+    rows: list[list[str]] = []
+    for n, line in enumerate(lines):
+        if line.startswith("|") and cells_of(line)[-1] == "test":
+            rows += map(cells_of, takewhile(lambda row: row.startswith("|"), lines[n + 2 :]))
+    assert len(rows) >= 20
+    for kind, *_, test in rows:
+        named = re.fullmatch(r"`(tests/[\w/]+\.py)::(\w+)`", test)
+        assert named, f"{kind}: names no test"
+        assert f"def {named[2]}(" in (ROOT / named[1]).read_text(encoding="utf-8"), test
+
+
 def cells_of(line: str) -> list[str]:
     return [cell.strip() for cell in line.strip("|").split("|")]
 

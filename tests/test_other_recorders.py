@@ -1,0 +1,546 @@
+"""Robot logs as other programs record them: what is in them is used, or refused by its name, before any work."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import sqlite3
+from fractions import Fraction
+from pathlib import Path
+
+import av
+import cv2
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from lanes.annotate import DriveSettings
+from lanes.camera import save_camera
+from lanes.errors import VideoError
+from lanes.field_of_view import read_log_camera
+from lanes.files import read_telemetry
+from lanes.images import read_image
+from lanes.sources import find_sources
+from lanes.video.reader import inspect_video, read_timed_frames
+from tests.support.command_line import main
+from tests.support.painted_drive import BENDS, SMALL
+
+logs = pytest.importorskip("tests.support.robot_logs", reason="rosbags is not installed: pip install rosbags")
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer  # noqa: E402
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
+
+TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
+TIMES_S = np.arange(6) / 10
+STAMPS = logs.stamps_at(TIMES_S)
+
+
+@pytest.fixture
+def run(capsys):
+    """A function that runs a command; returns its exit status, stdout and stderr."""
+
+    def run(*arguments: object) -> tuple[int, str, str]:
+        status = main([str(argument) for argument in arguments])
+        return status, *capsys.readouterr()
+
+    return run
+
+
+def shades(path: Path, **options: object) -> list[float]:
+    """Mean grey of each frame."""
+    return [float(frame.image.mean()) for frame in read_timed_frames(path, **options)]
+
+
+# MCAP files of Foxglove's writers.
+
+
+@pytest.fixture(scope="module")
+def recorders():
+    return pytest.importorskip("tests.support.recorders", reason="mcap and protobuf are not installed")
+
+
+def ros_topic(recorders, kind: str, *, ros1: bool = False) -> tuple:
+    types = (logs.ROS1 if ros1 else logs.ROS2).types
+    made = [logs.make_image(image, stamp, ".png", types=types) for image, stamp in zip(TINY, STAMPS, strict=True)]
+    data = [recorders.serialize_ros(message, ros1=ros1) for message in made]
+    return kind, "ros1msg" if ros1 else "ros2msg", "ros1" if ros1 else "cdr", list(zip(STAMPS, data, strict=True))
+
+
+def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
+    messages = []
+    for image, stamp in zip(TINY, STAMPS, strict=True):
+        fields = {"data": recorders.jpeg(image), "format": "jpeg"}
+        if name.endswith("RawImage"):
+            fields = {"width": 12, "height": 8, "encoding": "rgb8", "step": 36, "data": image.tobytes()}
+        messages.append((stamp + 30_000_000, recorders.serialize(name, encoding, stamp, fields)))
+    return name, "jsonschema" if encoding == "json" else "protobuf", encoding, messages
+
+
+@pytest.mark.parametrize("profile", ["", "ros1", "ros2", "x-my-robot"])
+@pytest.mark.parametrize("kind", ["sensor_msgs/msg/CompressedImage", "sensor_msgs/CompressedImage"])
+def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(tmp_path, recorders, profile, kind):
+    topic = ros_topic(recorders, kind, ros1=profile == "ros1")
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/camera": topic}, profile=profile)
+    assert inspect_video(path).frames == 6 and shades(path) == [0, 20, 40, 60, 80, 100]
+    assert shades(path, start_s=0.25) == [60, 80, 100]
+
+
+@pytest.mark.parametrize("name", ["foxglove.CompressedImage", "foxglove.RawImage"])
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_images_of_foxglove_are_read(tmp_path, recorders, name, encoding):
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": foxglove_topic(recorders, name, encoding)})
+    assert shades(path) == pytest.approx([0, 20, 40, 60, 80, 100], abs=1)
+    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TIMES_S)
+
+
+@pytest.mark.parametrize("kind", ["CompressedImage", "RawImage"])
+def test_messages_of_foxglove_in_ros_are_read(tmp_path, recorders, kind):
+    """`foxglove_msgs`, which rosbags does not know, in CDR."""
+    store, name = get_typestore(Stores.ROS2_HUMBLE), f"foxglove_msgs/msg/{kind}"
+    text = "builtin_interfaces/Time timestamp\nstring frame_id\n"
+    text += {"CompressedImage": "", "RawImage": "uint32 width\nuint32 height\nstring encoding\nuint32 step\n"}[kind]
+    store.register(get_types_from_msg(text + "uint8[] data\n" + "string format\n" * (kind != "RawImage"), name))
+    messages = []
+    for image, stamp in zip(TINY, STAMPS, strict=True):
+        time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+        fields = [np.frombuffer(recorders.jpeg(image), np.uint8), "jpeg"]
+        if kind == "RawImage":
+            fields = [12, 8, "rgb8", 36, image.ravel()]
+        messages.append((stamp, bytes(store.serialize_cdr(store.types[name](time, "camera", *fields), name))))
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, "ros2msg", "cdr", messages)})
+    assert shades(path) == pytest.approx([0, 20, 40, 60, 80, 100], abs=1)
+
+
+def as_packets(images: list[np.ndarray], codec: str, every: int) -> list[bytes]:
+    """The images as a video without B frames, with a key frame every so many: the data of a message each."""
+    context = av.CodecContext.create(codec, "w")
+    context.width, context.height, context.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
+    context.time_base, context.gop_size, context.max_b_frames = Fraction(1, 25), every, 0
+    context.options = {"tune": "zerolatency", "crf": "10", "preset": "ultrafast"}
+    packets = [p for image in images for p in context.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))]
+    return [bytes(packet) for packet in [*packets, *context.encode(None)]]
+
+
+@pytest.mark.parametrize(("codec", "format_"), [("libx264", "h264"), ("libx265", "h265")])
+@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, codec, format_, encoding):
+    images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
+    name, stamps = "foxglove.CompressedVideo", logs.stamps_at(np.arange(15) / 25)
+    messages = [
+        (stamp, recorders.serialize(name, encoding, stamp, {"data": data, "format": format_}))
+        for stamp, data in zip(stamps, as_packets(images, codec, 5), strict=True)
+    ]
+    kind = "jsonschema" if encoding == "json" else "protobuf"
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, kind, encoding, messages)})
+    info = inspect_video(path)
+    assert (info.frames, info.fps, info.missing, info.width, info.height) == (15, 25, 0, 128, 96)
+    assert shades(path) == pytest.approx([20 + 10 * number for number in range(15)], abs=3)
+    frames = list(read_timed_frames(path, start_s=0.28, end_s=0.48))
+    assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
+    assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"use_statistics": False}, {"chunk_size": 100}])
+def test_mcap_files_of_every_layout(tmp_path, recorders, compression, options):
+    topics = {"/camera": ros_topic(recorders, "sensor_msgs/msg/CompressedImage")}
+    topics["/chatter"] = ("std_msgs/msg/String", "ros2msg", "cdr", [(stamp, b"\0\1\0\0") for stamp in STAMPS])
+    path = recorders.write_mcap(tmp_path / "drive.mcap", topics, compression=compression, **options)
+    assert shades(path) == [0, 20, 40, 60, 80, 100] and shades(path, start_s=0.25) == [60, 80, 100]
+
+
+def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders):
+    name = "foxglove.CameraCalibration"
+    k, d = SMALL.matrix.ravel().tolist(), SMALL.distortion.tolist()
+    fields = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": d, "K": k, "P": []}
+    info = recorders.serialize(name, "protobuf", STAMPS[0], fields)
+    topics = {"/front/image": foxglove_topic(recorders, "foxglove.CompressedImage", "protobuf")}
+    topics["/front/camera_info"] = (name, "protobuf", "protobuf", [(STAMPS[0], info)])
+    camera = read_log_camera(recorders.write_mcap(tmp_path / "drive.mcap", topics))
+    np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
+    np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
+
+
+@pytest.mark.parametrize(
+    ("name", "encoding", "named"),
+    [
+        ("foxglove.CompressedVideo", "cbor", "has foxglove.CompressedVideo (cbor) on /front, which is not read"),
+        ("foxglove.CompressedImage", "flatbuffer", "has foxglove.CompressedImage (flatbuffer) on /front, which is not"),
+    ],
+)
+def test_what_is_not_read_is_named_before_the_field_of_view(tmp_path, recorders, run, name, encoding, named):
+    data = [(stamp, b"\0" * 40) for stamp in STAMPS]
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, "any", encoding, data)})
+    status, out, err = run("annotate", path, "-o", tmp_path / "out")
+    assert status == 2 and named in err and "field of view" not in err and not out
+    assert not (tmp_path / "out").exists()
+
+
+# Recordings of rosbag2.
+
+
+def write_compressed(folder: Path, mode: str, plugin: str, images: list[np.ndarray], times_s) -> Path:
+    writer = Writer(folder, version=9, storage_plugin=StoragePlugin[plugin])
+    writer.set_compression(CompressionMode[mode], CompressionFormat.ZSTD)
+    kind = "sensor_msgs/msg/Image"
+    with writer:
+        connection = writer.add_connection("/camera/image", kind, typestore=logs.ROS2)
+        for image, stamp in zip(images, logs.stamps_at(times_s), strict=True):
+            message = logs.make_image(image, stamp)
+            writer.write(connection, stamp, logs.ROS2.serialize_cdr(message, kind))
+    return folder
+
+
+@pytest.mark.parametrize(("mode", "plugin"), [("MESSAGE", "SQLITE3"), ("MESSAGE", "MCAP"), ("FILE", "SQLITE3")])
+def test_a_compressed_recording_is_read_from_its_folder_and_from_its_file(tmp_path, mode, plugin):
+    folder = write_compressed(tmp_path / "drive", mode, plugin, TINY, TIMES_S)
+    (found,) = find_sources([str(folder)]).videos
+    assert found == folder and shades(folder) == [0, 20, 40, 60, 80, 100]
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
+    assert find_sources([str(file)]).videos == (file,) and shades(file) == shades(folder)
+
+
+def write_split(folder: Path, images: list[np.ndarray], times_s: np.ndarray) -> Path:
+    """A recording in two files whose names sort the other way around."""
+    half = len(images) // 2
+    parts = [
+        write_compressed(folder.with_name(f"part{n}"), "NONE", "SQLITE3", images[part], times_s[part])
+        for n, part in enumerate((slice(half), slice(half, None)))
+    ]
+    folder.mkdir()
+    described = yaml.safe_load((parts[0] / "metadata.yaml").read_text())
+    names = ["z_first.db3", "a_second.db3"]
+    for part, name in zip(parts, names, strict=True):
+        shutil.move(part / f"{part.name}.db3", folder / name)
+        shutil.rmtree(part)
+    described["rosbag2_bagfile_information"]["relative_file_paths"] = names
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(described))
+    return folder
+
+
+def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path, run):
+    times_s = np.arange(12) / 25
+    folder = write_split(tmp_path / "drive", [BENDS.frame(time_s) for time_s in times_s], times_s)
+    save_camera(SMALL, tmp_path / "camera.yaml")
+    status, out, _ = run("annotate", "--camera", tmp_path / "camera.yaml", folder, "-o", tmp_path / "out")
+    assert status == 0 and "12 frames" in out
+    table = read_telemetry(tmp_path / "out" / "drive.csv")
+    assert table["time_s"] == pytest.approx(times_s, abs=1e-6) and (table["state"][3:] == "tracking").all()
+
+
+def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("camera: front\n")
+    Image.fromarray(TINY[0]).save(tmp_path / "a.png")
+    assert find_sources([str(tmp_path)]).stills == (tmp_path / "a.png",)
+
+
+def test_a_recording_of_which_a_part_is_missing_is_refused(tmp_path):
+    folder = write_split(tmp_path / "drive", TINY, TIMES_S)
+    (folder / "a_second.db3").unlink()
+    with pytest.raises(VideoError, match=r"a_second\.db3, which metadata\.yaml names, is missing"):
+        inspect_video(folder)
+
+
+@pytest.mark.parametrize("name", ["drive#2.db3", "what?.db3", "50%25.db3", "drive #1.mcap"])
+def test_names_with_signs_of_addresses(tmp_path, name):
+    path = logs.write_log(tmp_path / f"log{Path(name).suffix}", TINY, TIMES_S).rename(tmp_path / name)
+    assert shades(path) == [0, 20, 40, 60, 80, 100]
+
+
+def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
+    source = logs.write_log(tmp_path / "whole.db3", TINY, TIMES_S)
+    path = tmp_path / "killed.db3"
+    shutil.copyfile(source, path)
+    database = sqlite3.connect(path)
+    database.execute("PRAGMA journal_mode=WAL")
+    database.execute("PRAGMA wal_autocheckpoint=0")
+    late = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp").fetchall()[-2:]
+    database.execute("DELETE FROM messages WHERE id >= ?", [late[0][0]])
+    database.commit()
+    database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    database.executemany("INSERT INTO messages (id, topic_id, timestamp, data) VALUES (?, ?, ?, ?)", late)
+    database.commit()
+    killed = tmp_path / "copy" / "killed.db3"
+    killed.parent.mkdir()
+    for suffix in ("", "-wal"):  # as they are while the recorder runs
+        shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
+    database.close()
+    assert os.path.getsize(f"{killed}-wal")
+    assert shades(killed) == [0, 20, 40, 60, 80, 100]
+
+
+def test_the_own_messages_are_no_source(tmp_path, run):
+    """Neither in a folder, nor by a pattern, nor by their names, as a shell gives them."""
+    images = [BENDS.frame(number / 25) for number in range(4)]
+    path = logs.write_log(tmp_path / "drive.mcap", images, np.arange(4) / 25, camera=SMALL)
+    common = "annotate", "--no-report", "-o", tmp_path
+    assert run(*common, path)[0] == 0 and (tmp_path / "drive.lane.mcap").is_file()
+    for names in ([tmp_path / "*.mcap"], [path, tmp_path / "drive.lane.mcap"]):
+        status, out, err = run(*common, *names)
+        assert status == 0 and "note: skipped, written by annotate" in err and "drive.lane.mcap" in err
+        assert out.count("frames, lane tracked") == 1
+    status, _, err = run(*common, tmp_path / "drive.lane.mcap")
+    assert status == 2 and "was written by annotate; name the log" in err
+
+
+# Pixels.
+
+
+def raw(image: np.ndarray, encoding: str, width: int, height: int, **more: object) -> dict:
+    """Fields of a raw image message."""
+    data = np.ascontiguousarray(image)
+    return {"encoding": encoding, "height": height, "width": width, "step": data.nbytes // height, **more, "data": data}
+
+
+def write_raw(path: Path, fields: list[dict]) -> Path:
+    made = []
+    for stamp, some in zip(STAMPS, fields, strict=False):
+        message = logs.make_image(TINY[0], stamp)
+        for name, value in some.items():
+            setattr(message, name, value.view(np.uint8).ravel() if name == "data" else value)
+        made.append((stamp, message))
+    return logs.write_messages(path, {"/camera": made})
+
+
+# A picture that is smooth, so that planes of colour of half the size show it.
+ROWS, COLUMNS = np.mgrid[:48, :64]
+SMOOTH = np.dstack([40 + 2 * COLUMNS, 200 - 2 * ROWS, 60 + COLUMNS + ROWS]).astype(np.uint8)
+
+
+def in_yuv(code: int, image: np.ndarray = SMOOTH) -> np.ndarray:
+    return cv2.cvtColor(image, code)
+
+
+def nv12(image: np.ndarray) -> np.ndarray:
+    planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
+    height, width = image.shape[:2]
+    u, v = planes[height:].reshape(2, -1)
+    return np.vstack([planes[:height], np.dstack([u, v]).reshape(-1, width)])
+
+
+def mosaic(image: np.ndarray, pattern: str) -> np.ndarray:
+    """The values of a sensor with colour filters."""
+    tiles = [["rgb".index(letter) for letter in pattern[:2]], ["rgb".index(letter) for letter in pattern[2:]]]
+    channel = np.tile(tiles, (image.shape[0] // 2, image.shape[1] // 2))
+    return np.take_along_axis(image, channel[..., None], axis=2)[..., 0]
+
+
+@pytest.mark.parametrize(
+    ("encoding", "made", "tolerance"),
+    [
+        ("8UC3", SMOOTH[..., ::-1], 0),
+        ("yuv422", lambda: in_yuv(cv2.COLOR_RGB2YUV_UYVY), 5),
+        ("yuv422_yuy2", lambda: in_yuv(cv2.COLOR_RGB2YUV_YUY2), 5),
+        ("nv12", lambda: nv12(SMOOTH), 5),
+        ("rgb16", SMOOTH.astype(np.uint16) << 8, 0),
+        ("bgr16", SMOOTH[..., ::-1].astype(np.uint16) << 8, 0),
+        ("bayer_grbg16", lambda: mosaic(SMOOTH.astype(np.uint16) << 8, "grbg"), 6),
+        ("bayer_bggr12", lambda: mosaic(SMOOTH.astype(np.uint16) << 4, "bggr"), 6),
+    ],
+)
+def test_encodings_of_drivers_give_the_same_picture(tmp_path, encoding, made, tolerance):
+    pixels = made() if callable(made) else made
+    fields = raw(pixels, encoding, 64, 48)
+    if encoding == "nv12":
+        fields["step"] = 64
+    path = write_raw(tmp_path / "drive.mcap", [fields] * 3)
+    image = next(read_timed_frames(path)).image[2:-2, 2:-2].astype(int)
+    assert np.abs(image - SMOOTH[2:-2, 2:-2]).max() <= tolerance
+
+
+@pytest.mark.parametrize("big_endian", [False, True])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+def test_the_bits_of_a_camera_are_those_of_its_brightest_images(tmp_path, bits, big_endian):
+    """12 bits come in words of 16. The first image is dark, as in a garage, and stays dark."""
+    gray = SMOOTH[..., 0].astype(np.uint16)
+    dark, bright = gray << bits - 8 >> 4, gray * 255 // int(gray.max()) << bits - 8
+    order = ">u2" if big_endian else "<u2"
+    fields = [raw(i.astype(order), "mono16", 64, 48, is_bigendian=int(big_endian)) for i in (dark, bright, bright)]
+    images = [frame.image for frame in read_timed_frames(write_raw(tmp_path / "drive.db3", fields))]
+    assert np.abs(images[0][..., 0].astype(int) - (gray >> 4)).max() <= 1
+    assert np.abs(images[1][..., 0].astype(int) - (bright >> bits - 8)).max() <= 1
+
+
+def write_compressed_images(path: Path, images: list[np.ndarray], format_: str, suffix: str) -> Path:
+    made = []
+    for image, stamp in zip(images, STAMPS, strict=False):
+        message = logs.make_image(TINY[0], stamp, ".png")
+        quality = [cv2.IMWRITE_JPEG_QUALITY, 100] if suffix == ".jpg" else []
+        message.format, message.data = format_, cv2.imencode(suffix, image, quality)[1].ravel()
+        made.append((stamp, message))
+    return logs.write_messages(path, {"/camera/compressed": made})
+
+
+@pytest.mark.parametrize(
+    ("format_", "suffix", "made", "tolerance"),
+    [
+        ("bayer_gbrg8; png compressed ", ".png", mosaic(SMOOTH, "gbrg"), 6),
+        ("bayer_gbrg8; jpeg compressed mono8", ".jpg", mosaic(np.full_like(SMOOTH, (90, 90, 90)), "gbrg"), 2),
+        ("bayer_rggb16; png compressed ", ".png", mosaic(SMOOTH.astype(np.uint16) << 8, "rggb"), 6),
+        ("bayer_rggb16; png compressed ", ".png", mosaic(SMOOTH.astype(np.uint16) << 4, "rggb"), 6),  # 12 bits
+        ("rgb16; png compressed ", ".png", SMOOTH[..., ::-1].astype(np.uint16) << 8, 0),
+        ("bayer_rggb8; jpeg compressed bgr8", ".jpg", SMOOTH[..., ::-1].copy(), 12),
+    ],
+)
+def test_compressed_images_are_decoded_as_their_format_says(tmp_path, format_, suffix, made, tolerance):
+    expected = SMOOTH if suffix == ".png" or made.ndim == 3 else np.full_like(SMOOTH, 90)
+    image = next(read_timed_frames(write_compressed_images(tmp_path / "drive.mcap", [made] * 3, format_, suffix))).image
+    assert np.abs(image[2:-2, 2:-2].astype(int) - expected[2:-2, 2:-2]).max() <= tolerance
+
+
+@pytest.mark.parametrize(
+    ("format_", "named"),
+    [
+        ("16UC1; compressedDepth png", "has depths"),
+        ("h264", "is a video in h264"),
+        ("bayer_rgbw8; png compressed ", "an unknown mosaic"),
+    ],
+)
+def test_compressed_messages_that_are_no_images_are_named(tmp_path, run, format_, named):
+    path = write_compressed_images(tmp_path / "drive.mcap", [SMOOTH[..., 0]] * 3, format_, ".png")
+    status, _, err = run("annotate", path, "-o", tmp_path / "out")
+    assert status == 2 and named in err and "assumed" not in err
+
+
+# The camera.
+
+
+def write_part(path: Path, size: tuple[int, int], **changes: object) -> Path:
+    image = np.zeros((size[1], size[0], 3), np.uint8)
+    made = [(stamp, logs.make_image(image, stamp, ".png")) for stamp in STAMPS[:2]]
+    info = logs.make_camera_info(SMALL, STAMPS[0], **changes)
+    return logs.write_messages(path, {"/front/image_raw": made, "/front/camera_info": [(STAMPS[0], info)]})
+
+
+def region(left: int, top: int, width: int, height: int) -> object:
+    return logs.ROS2.types["sensor_msgs/msg/RegionOfInterest"](left, top, height, width, False)
+
+
+@pytest.mark.parametrize(
+    ("size", "changes", "scale", "origin"),
+    [
+        ((320, 180), {"binning_x": 2, "binning_y": 2}, 0.5, (0, 0)),
+        ((400, 200), {"roi": region(120, 100, 400, 200)}, 1, (120, 100)),
+        ((200, 100), {"roi": region(120, 100, 400, 200), "binning_x": 2, "binning_y": 2}, 0.5, (120, 100)),
+        ((800, 400), {"roi": region(120, 100, 400, 200)}, 2, (120, 100)),  # resized afterwards
+        ((640, 360), {"binning_x": 2, "binning_y": 2}, 1, (0, 0)),  # stated, but not done
+        ((320, 180), {}, 0.5, (0, 0)),
+    ],
+)
+def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, changes, scale, origin):
+    """A point of the whole sensor is in the part where it was cut out, and in the binned image at its place there."""
+    path = write_part(tmp_path / "drive.mcap", size, **changes)
+    camera = DriveSettings(output=tmp_path).camera_for(size, path)
+    pixels = np.array([[origin[0] + 50.0, origin[1] + 40.0], [origin[0] + 250.0, origin[1] + 90.0]])
+    part = (pixels - origin + 0.5) * scale - 0.5
+    assert camera.size == size
+    np.testing.assert_allclose(camera.rays(part), SMALL.rays(pixels), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("size", "changes", "named"),
+    [
+        ((300, 300), {"roi": region(120, 100, 400, 200)}, "that of 400x200 pixels, but the images have 300x300"),
+        ((300, 300), {}, "300x300 picture has another aspect ratio than the calibrated 640x360"),
+        ((640, 360), {"distortion_model": "ftheta"}, "distortion model 'ftheta' is not supported"),
+        ((640, 360), {"distortion_model": "rational_polynomial", "d": np.full(12, 0.1)}, "thin prism"),
+    ],
+)
+def test_a_camera_info_that_does_not_fit_is_refused_with_the_reason(tmp_path, run, size, changes, named):
+    path = write_part(tmp_path / "drive.mcap", size, **changes)
+    status, _, err = run("annotate", path, "-o", tmp_path / "out")
+    assert status == 2 and "drive.mcap" in err and named in err
+
+
+@pytest.mark.parametrize(
+    ("model", "d", "fisheye"),
+    [("", [], False), ("none", [], False), ("fisheye", [0.01, 0, 0, 0], True), ("plumb_bob", [0.1] * 8, False)],
+)
+def test_lens_models_of_drivers(tmp_path, model, d, fisheye):
+    path = write_part(tmp_path / "drive.mcap", (640, 360), distortion_model=model, d=np.array(d, float))
+    camera = read_log_camera(path)
+    assert camera.is_fisheye == fisheye and camera.calibrated
+    assert camera.distortion[: len(d)].tolist() == d
+
+
+# Times.
+
+
+def write_stamped(path: Path, stamps: list[int], recorded: list[int], shades: list[int] | None = None) -> Path:
+    images = [np.full((8, 12, 3), shade, np.uint8) for shade in shades or range(len(stamps))]
+    made = [logs.make_image(image, stamp) for image, stamp in zip(images, stamps, strict=True)]
+    return logs.write_messages(path, {"/camera": list(zip(recorded, made, strict=True))})
+
+
+@pytest.mark.parametrize("name", ["drive.mcap", "drive.db3"])
+def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name):
+    stamps = logs.stamps_at(np.arange(12) / 25)
+    order = [0, 2, 1, 3, 4, 6, 7, 5, 8, 9, 11, 10]
+    recorded = [logs.BEGIN_NS + 10**7 * n for n in range(12)]
+    path = write_stamped(tmp_path / name, [stamps[n] for n in order], recorded, order)
+    frames = list(read_timed_frames(path))
+    assert [frame.image[0, 0, 0] for frame in frames] == list(range(12))
+    assert [frame.number for frame in frames] == list(range(12)) and inspect_video(path).missing == 0
+    assert [frame.time_s for frame in frames] == pytest.approx(np.arange(12) / 25)
+    assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.32)] == [5, 6, 7]
+
+
+@pytest.mark.parametrize("stamp", [0, 1234567890_000_000_000])
+def test_constant_stamps_give_way_to_the_times_of_the_recording(tmp_path, stamp):
+    recorded = logs.stamps_at(np.arange(30) / 30)
+    path = write_stamped(tmp_path / "drive.mcap", [stamp] * 30, recorded)
+    assert inspect_video(path).fps == pytest.approx(30, abs=0.01)
+    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(30) / 30, abs=1e-6)
+
+
+@pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, 3600.0, -5.0])
+def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, run, wrong_s):
+    """A stamp of 1970, one of an hour later, and one that is a little too early."""
+    images = [BENDS.frame(number / 25) for number in range(12)]
+    stamps = logs.stamps_at(np.arange(12) / 25)
+    stamps[7] += int(wrong_s * 1e9)
+    made = [(n + 1, logs.make_image(image, stamp)) for n, (image, stamp) in enumerate(zip(images, stamps, strict=True))]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/camera": made})
+
+    save_camera(SMALL, tmp_path / "camera.yaml")
+    status, out, _ = run("annotate", "--camera", tmp_path / "camera.yaml", path, "-o", tmp_path / "out")
+    assert status == 0 and "1 time stamps far from those of the images around them are replaced" in out
+    assert read_telemetry(tmp_path / "out" / "drive.csv")["time_s"] == pytest.approx(np.arange(12) / 25, abs=1e-6)
+
+
+@pytest.mark.parametrize("jump_s", [7200.0, 1.7e9])
+def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_path, run, jump_s):
+    """Two recordings on one clock, and a clock that was set while recording."""
+    times_s = np.arange(16) / 25
+    stamps = [1_000_000_000 + round(1e9 * (t + jump_s * (n >= 8))) for n, t in enumerate(times_s)]
+    made = [(s, logs.make_image(BENDS.frame(t), s)) for s, t in zip(stamps, times_s, strict=True)]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/camera": made})
+
+    save_camera(SMALL, tmp_path / "camera.yaml")
+    status, out, err = run("annotate", "--camera", tmp_path / "camera.yaml", path, "-o", tmp_path / "out")
+    assert status == 0, err
+    assert f"1 jumps of its clock, of up to {jump_s:.0f} s, are shortened to 5 s" in out and "missing" not in out
+    table = read_telemetry(tmp_path / "out" / "drive.csv")
+    assert table["frame"].tolist() == list(range(16)) and np.diff(table["time_s"])[7] == pytest.approx(5)
+    assert inspect_video(tmp_path / "out" / "drive.mp4").frames == 16
+
+
+# Options.
+
+
+def test_label_takes_the_topic(tmp_path, run, monkeypatch):
+    """The stills of a log of two cameras are those of the topic."""
+    front = [(s, logs.make_image(BENDS.frame(t), s, ".png")) for s, t in zip(STAMPS, TIMES_S, strict=True)]
+    dark = [(s, logs.make_image(np.zeros((360, 640, 3), np.uint8), s, ".png")) for s in STAMPS]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": front, "/rear": dark})
+    server = pytest.importorskip("lanes.label.server", reason="tornado is not installed")
+
+    async def ended(*_: object) -> None: ...
+
+    monkeypatch.setattr(server, "_serve", ended)
+    common = "label", "--hfov", 60, "--no-browser", "--stills", 2, "-o", tmp_path / "labels", path
+    assert run(*common)[0] == 2
+    status, out, _ = run(*common, "--topic", "/front")
+    assert status == 0 and "0 of 2 stills" in out
+    stills = sorted((tmp_path / "labels").glob("*.png"))
+    assert len(stills) == 2 and all(read_image(still).mean() > 50 for still in stills)
