@@ -21,6 +21,7 @@ from lanes.camera import Camera
 from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
+from lanes.detect.search import DETECTOR
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
@@ -33,7 +34,7 @@ from lanes.sources import Sources, find_sources, read_turn, require_distinct_out
 from lanes.stills import StillDetection
 from lanes.track.departure import describe_many_warnings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.track.tracker import LaneTracker
+from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
 from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
@@ -260,16 +261,23 @@ def prepare_drive(video: Path, settings: DriveSettings) -> tuple[VideoInfo, Came
         raise PoseError(f"{video}: {error}") from error
 
 
-def make_tracker(fps: float, camera: Camera, pose: PoseEstimate | None, markings: Markings | None) -> LaneTracker:
+def make_tracker(
+    fps: float,
+    camera: Camera,
+    pose: PoseEstimate | None,
+    markings: Markings | None,
+    settings: TrackerSettings | None = None,
+) -> LaneTracker:
     """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` was estimated."""
 
     def find_pose(image: np.ndarray) -> StillDetection | None:
         with suppress(CameraError):  # the pose sees no road
+            detector = settings.detector if settings else DETECTOR
             height_m = pose.given_height_m if pose else None
-            return estimate_pose(image, camera, height_m=height_m, markings=markings).still
+            return estimate_pose(image, camera, height_m=height_m, markings=markings, settings=detector).still
         return None
 
-    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings)
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings, settings=settings)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:

@@ -25,6 +25,7 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT
+from lanes.detect.search import DETECTOR, DetectorSettings
 from lanes.errors import CameraError, PoseError
 from lanes.sources import find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
@@ -149,6 +150,7 @@ def estimate_pose(
     topic: str | None = None,
     progress: Progress | None = None,
     markings: Markings | None = None,
+    settings: DetectorSettings = DETECTOR,
 ) -> PoseEstimate:
     """Height, pitch, yaw and roll of a camera, estimated from images of one drive.
 
@@ -204,12 +206,12 @@ def estimate_pose(
         start = CameraPose(height_m or PRIOR_HEIGHT_M, direction[0][0], direction[1][0])
         if alone:
             log_std = PRIOR_HEIGHT_LOG_STD if height_m is None else 0.0
-            still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings)
+            still = detect_with_own_pose(first[0], camera.with_pose(start), log_std, markings, settings)
             if lane_width_m and log_std and still.lane:
-                return _with_lane_width(first[0], still, lane_width_m, direction, markings)
+                return _with_lane_width(first[0], still, lane_width_m, direction, markings, settings)
             return _pose_from_still(still, log_std, direction)
-        width_m = lane_width_m or LANE_WIDTH_M
-        return _pose_from_lanes(resized, resized_camera.with_pose(start), width_m, height_m, progress, markings)
+        width_m, posed = lane_width_m or LANE_WIDTH_M, resized_camera.with_pose(start)
+        return _pose_from_lanes(resized, posed, width_m, height_m, progress, markings, settings)
 
     estimate = estimate_from(edges)
     if 2 * estimate.frames_used < estimate.frames_total:
@@ -235,12 +237,18 @@ def _pose_from_still(still: StillDetection, log_std: float, direction: Direction
 
 
 def _with_lane_width(
-    image: np.ndarray, still: StillDetection, lane_width_m: float, direction: Direction, markings: Markings | None
+    image: np.ndarray,
+    still: StillDetection,
+    lane_width_m: float,
+    direction: Direction,
+    markings: Markings | None,
+    settings: DetectorSettings,
 ) -> PoseEstimate:
     """The pose of a single image at the height at which its lane has a given width."""
     pose, lane = still.camera.require_pose(), still.lane
     height_m = float(np.clip(pose.height_m * lane_width_m / (lane.width_m if lane else lane_width_m), *HEIGHT_RANGE_M))
-    still = detect_with_own_pose(image, still.camera.with_pose(replace(pose, height_m=height_m)), 0.0, markings)
+    posed = still.camera.with_pose(replace(pose, height_m=height_m))
+    still = detect_with_own_pose(image, posed, 0.0, markings, settings)
     estimate = _pose_from_still(still, LANE_WIDTH_STD_M / lane_width_m, direction)
     note = "the roll is assumed, and the yaw contains the car's heading in its lane"
     return replace(estimate, lane_width_m=lane_width_m, notes=(note,))
@@ -253,7 +261,11 @@ def _first_images(images: list[np.ndarray]) -> list[np.ndarray]:
 
 
 def detect_in_drive(
-    image: np.ndarray, camera: Camera, drive: PoseEstimate | None, markings: Markings | None = None
+    image: np.ndarray,
+    camera: Camera,
+    drive: PoseEstimate | None,
+    markings: Markings | None = None,
+    settings: DetectorSettings = DETECTOR,
 ) -> tuple[StillDetection, PoseEstimate | None]:
     """What is found in an image of a drive, and the pose estimate that it was found with.
 
@@ -262,13 +274,14 @@ def detect_in_drive(
     of the image alone, and the more probable lane is taken. Errors are those of `find_lane`.
     """
     if drive is None:
-        return detect_still(image, camera, markings=markings), None
+        return detect_still(image, camera, settings, markings=markings), None
     if drive.still:
         return drive.still, drive
-    found = detect_with_own_pose(image, camera, 0.0, markings)
+    found = detect_with_own_pose(image, camera, 0.0, markings, settings)
     if found.confidence < SURE_CONFIDENCE or drive.lane_width_m is None:
         with suppress(CameraError):
-            own = estimate_pose(image, camera, height_m=drive.given_height_m, markings=markings)
+            options: dict[str, Any] = {"height_m": drive.given_height_m, "markings": markings}
+            own = estimate_pose(image, camera, settings=settings, **options)
             if own.still and own.still.confidence > found.confidence:
                 return own.still, own
     return found, drive
@@ -322,16 +335,19 @@ def _pose_from_lanes(
     height_m: float | None,
     progress: Progress | None,
     markings: Markings | None,
+    settings: DetectorSettings,
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
     log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
     first = _first_images(images)
-    shown = [_shown_by(detect_with_own_pose(image, camera, log_std, markings), lane_width_m) for image in first]
+    shown = [
+        _shown_by(detect_with_own_pose(image, camera, log_std, markings, settings), lane_width_m) for image in first
+    ]
     for last in (False, True):
         camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
         shown = []
         for done, image in enumerate(images, 1):
-            shown.append(_shown_by(detect_still(image, camera, markings=markings), lane_width_m))
+            shown.append(_shown_by(detect_still(image, camera, settings, markings=markings), lane_width_m))
             if last and progress:
                 progress(done, len(images))
     return _summarise(np.array(shown), camera, lane_width_m, height_m)

@@ -113,7 +113,11 @@ def detect_still(
 
 
 def detect_with_own_pose(
-    image: np.ndarray, camera: Camera, height_log_std: float, markings: Markings | None = None
+    image: np.ndarray,
+    camera: Camera,
+    height_log_std: float,
+    markings: Markings | None = None,
+    settings: DetectorSettings = DETECTOR,
 ) -> StillDetection:
     """What is found in a single image whose camera pose is only known roughly.
 
@@ -130,12 +134,12 @@ def detect_with_own_pose(
     for posed, log_prior in _poses_to_try(camera, height_log_std):
         with suppress(CameraError):
             view = BirdsEyeView(posed, half_width_m=CLOSE_HALF_WIDTH_M)
-            tried.append((_search_closely(image, mask, view), log_prior))
+            tried.append((_search_closely(image, mask, view, settings), log_prior))
     # a lane has all poses on its side until they are compared
     found = [(d, replace(d.lane, same_lane_share=1.0), log_prior) for d, log_prior in tried if d.lane is not None]
     if not found:
         view = BirdsEyeView(camera, half_width_m=CLOSE_HALF_WIDTH_M)
-        return tried[0][0] if tried else _search_closely(image, mask, view)
+        return tried[0][0] if tried else _search_closely(image, mask, view, settings)
     shown = [(detection, lane, log_prior + log_odds(lane)) for detection, lane, log_prior in found]
     detections, lanes, log_posterior = zip(*shown, strict=True)
     probability = np.exp(np.array(log_posterior) - max(log_posterior))

@@ -1,19 +1,22 @@
-"""What each mechanism of the tracker is worth: the benchmark's scores with it switched off, a row of a table for each.
+"""What each mechanism of the engine is worth on real and on rendered roads, a row of a table for each.
 
+    python -m tools.ablation --real FOLDER [--half A]      # labelled real stills and clips, see benchmark.real_roads
     python -m tools.ablation [--scenes NAME,...] [--seed 7] [--only NAME] [--workers N]
 
-A mechanism is switched off by other settings; everything else stays the same. The drives are a variant of the scenes
-that is not of the tuning set (`--seed 7`); missing ones are rendered. A row shows the accuracy minus that of the
-tracker as it is, in points, with its 95 % interval (bootstrap over drives), the 95th percentile of the lateral error,
-NEES / 4 and the relative time.
+A mechanism is switched off by other settings; everything else stays the same. A row shows the result with it off minus
+that of the engine as it is. On real roads: points of the share of label points, and images right, for each way to look
+at them; choices are made on half A of the sets and confirmed on half B. On rendered drives, a variant that is not of
+the tuning set: points of accuracy with their 95 % interval (bootstrap over drives), the 95th percentile of the lateral
+error and NEES / 4.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,7 @@ from benchmark.bootstrap import frame_clusters, mean_interval
 from benchmark.consistency import NormalizedErrors, consistency, normalize_errors
 from benchmark.errors import FrameErrors, frame_errors
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
+from benchmark.real_roads import WAYS, RoadSet, ScoredLane, read_road_sets, score_set
 from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
 from benchmark.scores import score
 from benchmark.systems import TRACKER
@@ -135,6 +139,29 @@ def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Mea
     return f"| {mechanism.name} | {mechanism.description} | {numbers} | {time_off / time_on:.2f} |"
 
 
+def real_cells(on: Sequence[ScoredLane], off: Sequence[ScoredLane]) -> str:
+    """Two cells of a table: label points (off minus on) and right images (on -> off) of one way to look at roads."""
+    points_on, points_off = (
+        np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in some])) for some in (on, off)
+    )
+    right_on, right_off = (sum(bool(s.score.right) for s in some) for some in (on, off))
+    return f"{100 * (points_off - points_on):+.1f} | {right_on} -> {right_off} of {len(on)}"
+
+
+def real_rows(sets: Sequence[RoadSet], mechanisms: Sequence[Mechanism], *, workers: int) -> Iterator[str]:
+    """The rows of the table of real roads."""
+    tasks = [(roads, way) for way in WAYS for roads in sets]
+    all_on: dict[str, list[ScoredLane]] = {}
+    for mechanism in (ALL_ON, *mechanisms):
+        found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
+        off = {
+            way: [one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS
+        }
+        all_on = all_on or off
+        cells = " | ".join(real_cells(all_on[way], off[way]) for way in WAYS)
+        yield f"| {mechanism.name} | {mechanism.description} | {cells} |"
+
+
 def prepare(drive: BenchmarkDrive) -> PreparedDrive:
     """The drive with its video and camera."""
     return prepare_drive(ensure_video(drive, workers=1))
@@ -150,6 +177,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="scenes of the suite, or videos with truth and camera (default: all scenes)",
     )
     parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
+    parser.add_argument("--real", type=Path, metavar="FOLDER", help="folder of labelled sets of real roads")
+    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
     parser.add_argument("--only", choices=[m.name for m in MECHANISMS], metavar="NAME", help="a single mechanism")
     parser.add_argument(
         "--workers", type=bounded(int, 1), default=1, metavar="N", help="processes (default: %(default)s)"
@@ -161,6 +190,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     options = parser.parse_args()
+    if options.real:
+        chosen = [m for m in MECHANISMS if options.only in (None, m.name)]
+        print("| switched off | what it does | own pose, points | right | pose of the set | right | clips | right |")
+        print("|---|---|---|---|---|---|---|---|")
+        sets = [roads for roads in read_road_sets(options.real) if roads.half in options.half]
+        for row in real_rows(sets, chosen, workers=options.workers):
+            print(row, flush=True)
+        return
     run = partial(run_all, workers=options.workers)
     drives = run(prepare, choose_drives(options.scenes, seed=options.seed), progress=progress_line("scenes"))
     print("| switched off | what it does | accuracy | off minus on, points | 95 % error | NEES / 4 | time |")

@@ -1,0 +1,205 @@
+"""Labelled real roads of many cameras: each still alone, with the pose of its set, and tracked through the clips.
+
+    python -m benchmark.real_roads FOLDER [--camera camera.yaml] [--half A] [--only own] [--workers 2]
+
+The folder has `labels.jsonl`, and a folder of stills of one camera for each set; a label may name a `clip` and a
+`frame` of it. Nothing is known about the cameras. Choices are made on half A of the sets and confirmed on half B.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmark.labelled_stills import check_lane
+from lanes.annotate import make_tracker, track_frames
+from lanes.camera import Camera, load_camera
+from lanes.console import bounded
+from lanes.detect.lane import Lane
+from lanes.field_of_view import find_field_of_view
+from lanes.images import read_image
+from lanes.labels import LaneColumns, read_labels
+from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
+from lanes.score import PictureScore, reliability, score_picture
+from lanes.sources import find_sources, sample_images
+from lanes.track.tracker import TrackerSettings
+from lanes.video.process import read_frames
+from lanes.video.reader import inspect_video
+from simulator.processes import run_all
+
+# Ways to look at a set: each still alone; with the pose of its stills; tracked.
+OWN, SET, CLIPS = WAYS = ("own", "set", "clips")
+# Sets whose stills are of several cameras, so that they have no common pose.
+SEVERAL_CAMERAS = ("bdd_stills", "evo_drops", "ets2")
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredLane:
+    """The lane found for a label, None without one, its score, and its error in standard deviations (`check_lane`)."""
+
+    score: PictureScore
+    lane: Lane | None
+    z: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class RoadSet:
+    """Labelled stills of one camera. `frames` are the clip and frame of each label, if it has one."""
+
+    name: str
+    folder: Path
+    labels: tuple[LaneColumns, ...]
+    frames: tuple[tuple[Path, int] | None, ...]
+    lens: Camera | None = None
+
+    @property
+    def half(self) -> str:
+        """A or B, by the hash of the name."""
+        return "AB"[hashlib.sha256(self.name.encode()).digest()[0] % 2]
+
+
+def read_road_sets(folder: Path, lens: Camera | None = None) -> list[RoadSet]:
+    """The labelled sets in a folder, by name; `lens` is that of all of them, if it is calibrated.
+
+    Stills named DRIVE_NUMBER in one folder "stills" are a set for each drive.
+    """
+    sets: dict[str, list[tuple[LaneColumns, tuple[Path, int] | None]]] = {}
+    lines = filter(str.strip, (folder / "labels.jsonl").read_text().split("\n"))
+    for label, line in zip(read_labels(folder / "labels.jsonl"), lines, strict=True):
+        entry = json.loads(line)
+        frame = (folder / entry["clip"], int(entry["frame"])) if "clip" in entry else None
+        drive = Path(label.name).stem.split("_")[0]
+        name = f"{label.folder}/{drive}_" if label.folder == "stills" else label.folder
+        sets.setdefault(name, []).append((label, frame))
+    return [
+        RoadSet(name, folder, tuple(label for label, _ in some), tuple(frame for _, frame in some), lens)
+        for name, some in sorted(sets.items())
+    ]
+
+
+def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:
+    """Scores of a set's labels in one of the `WAYS`; none if the set has no common pose, or no clip."""
+    roads, way = task
+    if way == CLIPS:
+        return _score_clips(roads, settings)
+    if way == SET and roads.name in SEVERAL_CAMERAS:
+        return []
+    files = [roads.folder / label.name for label in roads.labels]
+    sizes = [read_image(file).shape[1::-1] for file in files]
+    if way == OWN:
+        return [_score_stills(roads, [k], [files[k]], settings)[0] for k in range(len(files))]
+    common = Counter(sizes).most_common(1)[0][0]
+    name = roads.folder / roads.name
+    stills = find_sources([str(name) if name.is_dir() else f"{name}*"]).stills
+    used = [file for file in stills if read_image(file).shape[1::-1] == common]
+    return _score_stills(roads, range(len(files)), used, settings)
+
+
+def _camera(size: tuple[int, int], file: Path) -> Camera:
+    return Camera.from_fov(size, find_field_of_view([file]).across(size))
+
+
+def _score_stills(
+    roads: RoadSet, chosen: Iterable[int], files: Sequence[Path], settings: TrackerSettings
+) -> list[ScoredLane]:
+    """Scores of some labels; the pose is that of `files`, which have one size."""
+    camera = roads.lens or _camera(read_image(files[0]).shape[1::-1], files[0])
+    source = read_image(files[0]) if len(files) == 1 else files
+    camera, pose = ensure_pose(camera, source, settings=settings.detector)
+    scores = []
+    for k in chosen:
+        label, lane, found_with = roads.labels[k], None, camera
+        image = read_image(roads.folder / label.name)
+        if image.shape[1::-1] == camera.size:
+            found, _ = detect_in_drive(image, camera, pose, settings=settings.detector)
+            lane, found_with = found.lane, found.camera
+        scores.append(_score(label, lane, found_with))
+    return scores
+
+
+def _score_clips(roads: RoadSet, settings: TrackerSettings) -> list[ScoredLane]:
+    """Scores of the labels with a clip, which is tracked up to its last labelled frame."""
+    scores = []
+    for clip in sorted({frame[0] for frame in roads.frames if frame}):
+        labels = {
+            frame[1]: label
+            for label, frame in zip(roads.labels, roads.frames, strict=True)
+            if frame and frame[0] == clip
+        }
+        info = inspect_video(clip)
+        size = info.width, info.height
+        camera, pose = ensure_pose(
+            _camera(size, clip), sample_images([clip], POSE_PICTURES), settings=settings.detector
+        )
+        tracker = make_tracker(info.fps, camera, pose, None, settings)
+        with closing(read_frames(clip, info)) as frames:
+            for number, (_, lane) in enumerate(track_frames(frames, tracker)):
+                if label := labels.pop(number, None):
+                    scores.append(_score(label, lane, tracker.camera))
+                if not labels:
+                    break
+    return scores
+
+
+def _score(label: LaneColumns, lane: Lane | None, camera: Camera) -> ScoredLane:
+    if lane is None:
+        return ScoredLane(score_picture(label, None, camera.size), None, np.full((2, 3), np.nan))
+    check = check_lane(lane, label, camera)
+    return ScoredLane(check.score, lane, check.z)
+
+
+def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]) -> str:
+    """A line for each set, then means over the sets of each half and of all."""
+    lines: list[str] = []
+    points: dict[str, float] = {}
+    for roads, found in zip(sets, scored, strict=True):
+        scores = [one.score for one in found]
+        if not scores:
+            continue
+        points[roads.name] = float(np.nanmean(np.concatenate([s.values["ego accuracy"] for s in scores])))
+        right = [s.right for s in scores if s.right is not None]
+        lines.append(f"{roads.half} {roads.name:24s} {points[roads.name]:.3f} right {sum(right)} of {len(right)}")
+    for half in ("A", "B", "AB"):
+        some = [k for k, roads in enumerate(sets) if scored[k] and roads.half in half]
+        scores = [one.score for k in some for one in scored[k]]
+        if not scores:
+            continue
+        mean, low = np.mean([points[sets[k].name] for k in some]), min(points[sets[k].name] for k in some)
+        right = [s.right for s in scores if s.right is not None]
+        sure = reliability(scores)["0.9 or more"]
+        lines.append(
+            f"{way:5s} {half:2s} points {mean:.3f} lowest {low:.2f} right {np.mean(right):.3f} "
+            f"({sum(right)} of {len(right)}) 0.9 or more: {sure['right']:.0f} of {sure['lanes']:.0f} right, "
+            f"{sure['of right lanes']:.2f} of the right"
+        )
+    return "\n".join(lines)
+
+
+def main() -> None:
+    """Score the sets, and print a table for each way to look at them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="has labels.jsonl, and a folder of stills for each set")
+    parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
+    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
+    parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
+    options = parser.parse_args()
+    sets = [roads for roads in read_road_sets(options.folder, options.camera) if roads.half in options.half]
+    for way in [options.only] if options.only else WAYS:
+        tasks = [(roads, way) for roads in sets]
+        print(
+            describe(sets, way, run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=options.workers))
+        )
+
+
+if __name__ == "__main__":
+    main()
