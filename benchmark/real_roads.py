@@ -184,21 +184,25 @@ def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[Scored
     return "\n".join(lines)
 
 
-def main() -> None:
-    """Score the sets, and print a table for each way to look at them."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     parser.add_argument("folder", type=Path, help="has labels.jsonl, and a folder of stills for each set")
     parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
     parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
     parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
     parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
+
+
+def main() -> None:
+    """Score the sets, and print a table for each way to look at them."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser)
     options = parser.parse_args()
     sets = [roads for roads in read_road_sets(options.folder, options.camera) if roads.half in options.half]
     for way in [options.only] if options.only else WAYS:
         tasks = [(roads, way) for roads in sets]
-        print(
-            describe(sets, way, run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=options.workers))
-        )
+        scored = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=options.workers)
+        print(describe(sets, way, scored))
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from benchmark.labelled_stills import (
     describe_checks,
     summarize_checks,
 )
+from benchmark.real_roads import WAYS, describe, read_road_sets, score_set
 from lanes.camera import save_camera
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
@@ -25,6 +26,7 @@ from lanes.detect.road import lines_on_view
 from lanes.images import write_image
 from lanes.labels import NO_POINT, LaneColumns
 from lanes.score import score_picture
+from lanes.track.tracker import TrackerSettings
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.shapes import a_lane
@@ -61,6 +63,19 @@ def folder(tmp_path_factory) -> Path:
     save_camera(SMALL.with_pose(None), folder / "lens.yaml")
     save_camera(SMALL, folder / "low.yaml")
     return folder
+
+
+def test_sets_of_real_roads_are_scored_alone_and_with_the_pose_of_their_set(folder):
+    write_lines(folder / "labels.jsonl", [json.loads(line) for line in (folder / "all.jsonl").read_text().splitlines()])
+    black, high, low = read_road_sets(folder)
+    scored = {way: score_set((low, way), TrackerSettings()) for way in WAYS}
+    assert [len(scored[way]) for way in WAYS] == [4, 4, 0]  # no label names a clip
+    assert all(one.score.right and one.lane for one in scored["own"] + scored["set"])
+    (missed,) = score_set((black, "own"), TrackerSettings())
+    assert missed.lane is None and missed.score.right is False
+    said = describe([black, low], "own", [[missed], scored["own"]])
+    assert f"{low.half} low " in said and "points 0.500 lowest 0.00 right 0.800 (4 of 5)" in said
+    assert {roads.half for roads in (black, high, low)} <= {"A", "B"}
 
 
 def test_each_folder_has_its_own_pose(folder, capsys):

@@ -19,7 +19,8 @@ from lanes.cli import COMMANDS
 from tests.support.project import ROOT
 
 # Commands that are modules, imported when they are needed; those of `lanes` are classes.
-MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__", "tools.ablation": "tools.ablation"}
+MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__"}
+MODULES |= {name: name for name in ("benchmark.real_roads", "tools.ablation")}
 KNOWN = {*COMMANDS, *MODULES}
 # Options of git, pip, Dask, nbconvert and YOLOP.
 OF_OTHERS = {"--require-hashes", "--depth", "--version", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"}
