@@ -230,6 +230,8 @@ class LaneTracker:
         elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s", finite=False)
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
+            # NaN and a clock that was set back must not stop the periods: max(0.0, nan) is 0.0
+            elapsed_s = max(0.0, elapsed_s)
         self._frames += 1
         self.search = None
         self._since_search_s += elapsed_s
@@ -238,7 +240,7 @@ class LaneTracker:
         band = extract_evidence(view.warp(image), view, s.detector.paint)
         mask = find_mask(view.camera.require_size(image), self.markings)
         evidence = mask.evidence(band, band) if mask else band
-        evidence, challenger = self._without_static(evidence, max(elapsed_s, 0.0), search=search)
+        evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
             predicted = predict(self._estimate, elapsed_s, s.filter)

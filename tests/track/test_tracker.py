@@ -257,6 +257,19 @@ def test_a_jump_of_the_clock_resets_the_tracker(elapsed_s):
     assert again.state == first.state
 
 
+@pytest.mark.parametrize("elapsed_s", [-5.0, np.nan, np.inf])
+def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s):
+    asked: list[int] = []
+    tracker = LaneTracker(SMALL, fps=10, find_pose=lambda image: asked.append(1))
+    black = np.zeros_like(DRIVE.frame(0.0))
+    tracker.update(black)
+    tracker.update(black, elapsed_s=elapsed_s)
+    before = len(asked)
+    for _ in range(20):  # two seconds
+        tracker.update(black)
+    assert len(asked) - before == 4
+
+
 @pytest.mark.parametrize("number", [Fraction, np.float32, np.int64, int])
 def test_numbers_of_any_kind_are_taken(number):
     """Frame rates of containers are fractions, clocks are NumPy numbers."""
