@@ -26,7 +26,8 @@ from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
-from lanes.detect.paint import PAINT, FrameEvidence, extract_evidence
+from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.paint import PAINT
 from lanes.detect.road import lines_on_view
 from lanes.track.tracker import LaneTracker
 
@@ -49,7 +50,7 @@ def draw_lane(
     camera: Camera,
     *,
     style: str = "lane",
-    evidence: FrameEvidence | None = None,
+    evidence: Evidence | None = None,
     onto: np.ndarray | None = None,
 ) -> np.ndarray:
     """A copy of a raw image with the lane and its measures; words only if there is no lane.
@@ -60,7 +61,7 @@ def draw_lane(
         RGB.
     style : {"lane", "lines", "mosaic"}
         The filled lane, its two lines, or a mosaic with intermediate results.
-    evidence : FrameEvidence, optional
+    evidence : Evidence, optional
         What the lane was found in, for the mosaic; extracted again if not given.
     onto : ndarray, optional
         Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
@@ -132,12 +133,12 @@ def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tu
 
 
 def _mosaic(
-    image: np.ndarray, drawn: np.ndarray, lane: Lane | None, camera: Camera, evidence: FrameEvidence | None
+    image: np.ndarray, drawn: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None
 ) -> np.ndarray:
     """The annotated image, the bird's-eye view, the marking response and the fit together."""
     if evidence is None:
         view = BirdsEyeView(camera)
-        evidence = extract_evidence(view.warp(image), view)
+        evidence = find_evidence(image, view, quick=True)
     view = evidence.view
     # the tracker uses views of several widths: all are shown with the same one
     shown = np.abs(view.y_m) <= MOSAIC_HALF_WIDTH_M

@@ -18,7 +18,8 @@ from lanes.describe import describe_bend
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
-from lanes.detect.paint import PAINT, FrameEvidence, lightness, strength_weight
+from lanes.detect.evidence import Evidence
+from lanes.detect.paint import PAINT, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
 from lanes.errors import CameraError
@@ -222,7 +223,7 @@ def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
     return tuple(steps[: failed + 1])
 
 
-def _check_birdseye(evidence: FrameEvidence) -> Step:
+def _check_birdseye(evidence: Evidence) -> Step:
     """Check that the road in the bird's-eye view is neither too dark nor too bright to show paint, and has contrast."""
     view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
@@ -241,13 +242,13 @@ def _check_birdseye(evidence: FrameEvidence) -> Step:
     return Step("birdseye", summary, failure, advice)
 
 
-def _check_markings(evidence: FrameEvidence, pose_advice: str) -> Step:
+def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
     """Check that the marking response is large enough anywhere."""
     strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
-    if evidence.response.learned:
+    if "network" in evidence.sources:
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
         failure = f"the network finds no paint with a probability above {minimum_p:.0%}."
@@ -257,7 +258,7 @@ def _check_markings(evidence: FrameEvidence, pose_advice: str) -> Step:
     return Step("markings", summary, failure, advice + pose_advice)
 
 
-def _check_stripes(evidence: FrameEvidence, pose_advice: str) -> Step:
+def _check_stripes(evidence: Evidence, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
     count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
     summary = f"{count} candidates, {near} of them within {near_m} m"

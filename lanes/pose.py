@@ -277,7 +277,7 @@ def detect_in_drive(
         return detect_still(image, camera, settings, markings=markings), None
     if drive.still:
         return drive.still, drive
-    found = detect_with_own_pose(image, camera, 0.0, markings, settings)
+    found = detect_still(image, camera, settings, markings=markings)
     if found.confidence < SURE_CONFIDENCE or drive.lane_width_m is None:
         with suppress(CameraError):
             options: dict[str, Any] = {"height_m": drive.given_height_m, "markings": markings}

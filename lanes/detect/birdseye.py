@@ -11,7 +11,7 @@ covers about one of its pixels, as with mip maps (L. Williams, "Pyramidal parame
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
@@ -45,7 +45,7 @@ class BirdsEyeView:
     """
 
     camera: Camera
-    near_m: float = 5.0
+    near_m: float = 2.5
     far_m: float = 70.0
     growth: float = 0.022
     half_width_m: float = 9.0
@@ -123,6 +123,14 @@ class BirdsEyeView:
             )
         first = int(np.nanmin(np.where(self.seen, self.pixels[..., 1], np.nan)))
         return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
+
+    def at_height(self, height_m: float) -> BirdsEyeView:
+        """The same cells of the image as a view for another height of the camera, to which distances are proportional."""
+        camera, factor = self.camera, height_m / self.height_m
+        lengths = {name: factor * getattr(self, name) for name in ("near_m", "far_m", "half_width_m", "cell_m")}
+        view = replace(self, camera=camera.with_pose(replace(camera.require_pose(), height_m=height_m)), **lengths)
+        view.__dict__.update(x_m=factor * self.x_m, y_m=factor * self.y_m, pixels=self.pixels, seen=self.seen)
+        return view
 
     def warp(self, image: np.ndarray) -> np.ndarray:
         """The bird's-eye view of a raw picture: RGB (rows, columns, 3) uint8.

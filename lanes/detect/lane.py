@@ -42,7 +42,7 @@ ROAD_EDGE = "road edge"
 # In the telemetry: no lane is known.
 LOST = "lost"
 # Default arc lengths of an outline: from below the image to the horizon.
-OUTLINE_M = np.geomspace(3.0, 400.0, 120)
+OUTLINE_M = np.geomspace(1.5, 400.0, 130)
 
 
 @dataclass(frozen=True)

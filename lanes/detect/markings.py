@@ -7,7 +7,7 @@ sees it, too. A network is an ONNX file, with a YAML file beside it (docs/own_ne
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -15,9 +15,9 @@ import numpy as np
 import yaml
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import learned_evidence, place, read_network, run_network
+from lanes.detect.network import read_network, run_network
 from lanes.detect.onnx_file import MAX_INPUT_PX, MIN_INPUT_PX, NetworkForm, read_onnx
-from lanes.detect.paint import PAINT, FrameEvidence, find_stripes
+from lanes.detect.paint import PAINT, PaintSettings
 from lanes.errors import LaneError
 from lanes.files import parse_yaml, read_text, require_file
 
@@ -37,21 +37,14 @@ class Mask:
     with_own: bool
     confidence_shift: float
 
-    def evidence(self, band: FrameEvidence, own: FrameEvidence) -> FrameEvidence:
-        """What the mask shows, in place of our `own` evidence or joined with it; `band` is that of the band filter."""
-        view, of_image = band.view, cv2.convertScaleAbs(cv2.resize(self.probability, band.view.camera.size), alpha=255)
-        strength = thin(view.warp(cv2.cvtColor(of_image, cv2.COLOR_GRAY2RGB))[..., 0] / np.float32(255), view)
-        strength = np.maximum(strength, self.with_own * own.response.strength)
-        response = replace(band.response, strength=strength, learned=True)
-        stripes, band_strength = place(find_stripes(response, view), band.response.strength, view)
-        cell_px = 1 if self.with_own else max(view.camera.width / self.probability.shape[1], 1)
-        std_m = np.where(band_strength > PAINT.half_weight_strength, 1, cell_px) * stripes.std_m
-        stripes = replace(stripes, std_m=std_m, measurable=band_strength > PAINT.min_strength)
-        stripes = stripes.joined(own.stripes.select(own.stripes.edge))
-        return replace(band, response=response, stripes=stripes, confidence_shift=self.confidence_shift)
+    def strength(self, view: BirdsEyeView, settings: PaintSettings = PAINT) -> np.ndarray:
+        """Strengths (rows, columns) float32 of the mask's lines in a view."""
+        of_image = cv2.convertScaleAbs(cv2.resize(self.probability, view.camera.size), alpha=255)
+        in_view = view.warp(cv2.cvtColor(of_image, cv2.COLOR_GRAY2RGB))[..., 0] / np.float32(255)
+        return thin(in_view, view, settings)
 
 
-def thin(probability: np.ndarray, view: BirdsEyeView) -> np.ndarray:
+def thin(probability: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> np.ndarray:
     """Strengths (rows, columns) float32: parabolas, three columns wide, at the centres of stripes in a view's mask."""
     reach = round(REACH_M / view.cell_m)
     kernels = np.ones(2 * reach + 1), np.arange(-reach, reach + 1.0)
@@ -59,7 +52,7 @@ def thin(probability: np.ndarray, view: BirdsEyeView) -> np.ndarray:
     columns = moment / np.maximum(mass, 1e-6)
     top = np.minimum(cv2.dilate(probability, np.ones((1, 2 * reach + 1))), MAX_PROBABILITY)
     is_line = (probability > CENTRE_SHARE * top) & (mass < AREA_SHARE * top * (2 * reach + 1))
-    strength = PAINT.half_weight_strength * np.sqrt(top / (1 - top)) * (1 - (columns / 3) ** 2)
+    strength = settings.half_weight_strength * np.sqrt(top / (1 - top)) * (1 - (columns / 3) ** 2)
     return np.where(is_line & (np.abs(columns) <= 1.5) & view.seen, strength, np.float32(0))
 
 
@@ -80,12 +73,6 @@ def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
         raise LaneError(f"{name}: returned a mask (rows, columns) {mask.shape} of an image {(height, width)}; turn it.")
     with_own, shift = getattr(markings, "with_own", False), getattr(markings, "confidence_shift", 0.0)
     return Mask(np.clip(mask, 0, 1), with_own, float(shift))
-
-
-def look_closer(image: np.ndarray, band: FrameEvidence, mask: Mask | None) -> FrameEvidence:
-    """`learned_evidence`, joined with the mask; that of the mask alone if it takes the place of ours."""
-    own = band if mask and not mask.with_own else learned_evidence(image, band)
-    return mask.evidence(band, own) if mask else own
 
 
 @dataclass(frozen=True)

@@ -3,8 +3,8 @@
 A worn line and a row of Botts' dots are too faint in each row of the view for the band filter, but they line up over
 many rows. The network sees three rows of a finer view for each row, and its surroundings: 47 rows, and 1.8 m to either
 side. Its second output is the probability of an edge of the road. It has learned from rendered images only
-(`tools/train_marking_network.py`). It takes much longer than the band filter: `lanes.stills` uses it, and the tracker
-while no lane is confirmed.
+(`tools/train_marking_network.py`). It takes much longer than the band filter: the tracker uses it only
+while no sure lane is tracked.
 """
 
 from __future__ import annotations
@@ -19,16 +19,7 @@ import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.onnx_file import read_onnx
-from lanes.detect.paint import (
-    PAINT,
-    FrameEvidence,
-    MarkingResponse,
-    Stripes,
-    find_stripes,
-    lightness,
-    peak_position,
-    yellowness,
-)
+from lanes.detect.paint import PAINT, PaintSettings, lightness, yellowness
 
 NETWORK_FILE = Path(__file__).with_name("marking_network.onnx")
 
@@ -53,21 +44,6 @@ class NetworkParameters:
 NETWORK = NetworkParameters()
 # A network keeps its input, so threads use it one after the other.
 _NETWORK_IN_USE = threading.Lock()
-
-
-def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
-    """Learned marking response and stripe candidates of a raw image, from the evidence of the band filter in it.
-
-    The edges of the road are candidates, too, with less weight and a larger standard deviation than paint.
-    """
-    view = band.view
-    paint, edges = network_strengths(image, view)
-    response = MarkingResponse(paint, band.response.channels, learned=True)
-    painted, _ = place(find_stripes(response, view), band.response.strength, view)
-    beside = find_stripes(replace(response, strength=edges), view)
-    std_m, weight = np.hypot(beside.std_m, PAINT.edge_std_m), PAINT.edge_weight * beside.weight
-    beside = replace(beside, weight=weight, std_m=std_m, edge=np.ones(len(beside), bool))
-    return replace(band, response=response, stripes=painted.joined(beside))
 
 
 @lru_cache(maxsize=2)
@@ -106,7 +82,7 @@ def network_inputs(fine_image: np.ndarray, fine: BirdsEyeView, focal_px: float) 
     return np.stack([contrasts[0] / scatters[0], contrasts[1] / scatters[1], relative, widths])
 
 
-def network_strengths(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
+def network_strengths(image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> np.ndarray:
     """Strengths (2, rows, columns) float32 of paint and of road edges in the view of a raw image; 0 outside the image.
 
     The weight of a cell, `lanes.detect.paint.strength_weight`, is the probability that the network states.
@@ -115,7 +91,7 @@ def network_strengths(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
     inputs = network_inputs(fine.warp(image), fine, view.focal_px)
     # larger log odds are no more certain: rendered images are not real ones
     log_odds = np.minimum(run_network(NETWORK_FILE, inputs[None])[0], 6.0)
-    return PAINT.half_weight_strength * np.exp(log_odds / 2) * view.seen
+    return settings.half_weight_strength * np.exp(log_odds / 2) * view.seen
 
 
 def run_network(file: Path, inputs: np.ndarray, *, output: str = "", digest: str = "") -> np.ndarray:
@@ -134,14 +110,3 @@ def read_network(file: Path, digest: str) -> cv2.dnn.Net:
     """
     # OpenCV cannot open all names of folders on Windows
     return cv2.dnn.readNetFromONNX(np.frombuffer(read_onnx(file, digest).data, np.uint8))
-
-
-def place(stripes: Stripes, band_strength: np.ndarray, view: BirdsEyeView) -> tuple[Stripes, np.ndarray]:
-    """The stripes, at the more exact position of the band filter where they are clear for it; its strength at each."""
-    column = np.rint((view.y_m[0] - stripes.y_m) / view.cell_m).astype(int)
-    # within two columns a peak of the band filter is the same stripe, the nearest one first
-    nearby = np.clip(column[:, None] + [0, -1, 1, -2, 2], 1, view.shape[1] - 2)
-    peak = nearby[np.arange(len(nearby)), band_strength[stripes.row[:, None], nearby].argmax(axis=1)]
-    y_m = view.y_m[0] - peak_position(band_strength, stripes.row, peak) * view.cell_m
-    strength = band_strength[stripes.row, peak]
-    return replace(stripes, y_m=np.where(strength > PAINT.half_weight_strength, y_m, stripes.y_m)), strength

@@ -54,6 +54,8 @@ class PaintSettings:
     # a kerb, a gutter and the end of the asphalt are decimetres apart.
     edge_weight: float = 0.25
     edge_std_m: float = 0.4
+    band_floor: float = 1.5
+    band_share: float = 0.5
 
 
 PAINT = PaintSettings()
@@ -63,13 +65,11 @@ PAINT = PaintSettings()
 class MarkingResponse:
     """How much each cell of a view looks like a painted stripe."""
 
-    # (rows, columns) float32, at least 0: the largest filter response in units of the local noise; from the network of
-    # `lanes.detect.network` the root of the odds of paint, on the same scale.
+    # (rows, columns) float32, at least 0: the largest filter response in units of the local noise. `strength_weight`
+    # is the probability of paint, so that the square is proportional to the odds.
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
-    # Whether the strength is that of the network.
-    learned: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,23 +106,6 @@ class Stripes:
     def joined(self, other: Stripes) -> Stripes:
         """These stripes, then the others."""
         return Stripes(*(np.concatenate([getattr(self, f.name), getattr(other, f.name)]) for f in fields(self)))
-
-
-@dataclass(frozen=True, eq=False)
-class FrameEvidence:
-    """What one image shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view."""
-
-    view: BirdsEyeView
-    view_image: np.ndarray
-    response: MarkingResponse
-    stripes: Stripes
-    confidence_shift: float = 0.0
-
-
-def extract_evidence(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> FrameEvidence:
-    """Marking response and stripe candidates of an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
-    response = marking_response(view_image, view, settings)
-    return FrameEvidence(view, view_image, response, find_stripes(response, view, settings))
 
 
 def lightness(view_image: np.ndarray) -> np.ndarray:

@@ -11,20 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from lanes.detect.confidence import log_odds
+from lanes.detect.evidence import Evidence
 from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
 from lanes.detect.line_type import MarkingProfile, marking_profile
-from lanes.detect.paint import FrameEvidence, PaintSettings
+from lanes.detect.paint import PaintSettings
 from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, adjacent_lane_matrix, is_ego_lane
 from lanes.detect.votes import VoteSettings, vote_lanes
 
-# A lane of the network replaces one of the band filter if the logarithm of its odds is larger by this; chosen on
-# labelled stills and the rendered suite. In hairpins the network is less accurate than the confidence of its lane says.
-CLEARLY_MORE_LOG_ODDS = 1.0
-# Half width of the network's view: in a wider one it finds more that is no lane (docs/ablation.md).
-CLOSE_HALF_WIDTH_M = 6.5
 # Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
 # are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
 BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
@@ -41,6 +36,10 @@ class DetectorSettings:
     paint: PaintSettings = field(default_factory=PaintSettings)
     votes: VoteSettings = field(default_factory=VoteSettings)
     fit: FitSettings = field(default_factory=FitSettings)
+    near_m: float = 2.5
+    half_width_m: float = 6.5
+    tried_heights: tuple[float, ...] = (1.0, 0.78, 1.28)
+    least_log_prior: float = -3.0
 
 
 DETECTOR = DetectorSettings()
@@ -59,7 +58,7 @@ class Search:
     lane: Lane | None
 
 
-def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) -> Search | None:
+def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Search | None:
     """Search the ego lane in the evidence of one image; None without stripes near the car."""
     stripes, view = evidence.stripes, evidence.view
     if not len(near_stripes(stripes, settings.fit)):
@@ -87,13 +86,6 @@ def search_lane(evidence: FrameEvidence, settings: DetectorSettings = DETECTOR) 
     return Search(votes, near, fit, lane)
 
 
-def more_probable(band: Lane | None, learned: Lane | None) -> Lane | None:
-    """The lane that the band filter shows, or that of the network if it is clearly more probable."""
-    if band is None or learned is None:
-        return band or learned
-    return learned if log_odds(learned) > log_odds(band) + CLEARLY_MORE_LOG_ODDS else band
-
-
 def lane_score(lines: Sequence[LineEvidence]) -> float:
     """Sum of the square roots of both lines' supports."""
     return float(sum(np.sqrt(line.support) for line in lines))
@@ -114,7 +106,7 @@ def clear_share(fit: Fit) -> float:
 
 def observe_lines(
     fit: Fit,
-    evidence: FrameEvidence,
+    evidence: Evidence,
     previous: Sequence[LineEvidence],
     *,
     profiles_of: Sequence[int] = (0, 1),
@@ -133,7 +125,7 @@ def observe_lines(
     return left, right
 
 
-def observe_far_lines(fit: Fit, evidence: FrameEvidence) -> FarEvidence:
+def observe_far_lines(fit: Fit, evidence: Evidence) -> FarEvidence:
     """What one image shows of the far lines of the lanes to the left and right of a fitted lane; None if not seen."""
     lanes = np.array([adjacent_lane_matrix(side) @ fit.lanes[0] for side in SIDES])
     adjacent = replace(fit, lanes=lanes, residuals=stripe_residuals(lanes, fit.stripes, fit.view.height_m))
@@ -148,7 +140,7 @@ def observe_far_lines(fit: Fit, evidence: FrameEvidence) -> FarEvidence:
 
 
 def _observe_line(
-    fit: Fit, line: tuple[int, int], rows: int, previous: LineEvidence, evidence: FrameEvidence | None
+    fit: Fit, line: tuple[int, int], rows: int, previous: LineEvidence, evidence: Evidence | None
 ) -> LineEvidence:
     """What one image shows of the `line` (lane, side) of a fit; without `evidence` no profile is measured."""
     members, profile, votes = fit.members[line], previous.profile, previous.votes

@@ -20,17 +20,16 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
-from lanes.detect.markings import Markings, Mask, find_mask, look_closer
-from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
+from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.markings import Markings, find_mask
+from lanes.detect.paint import Stripes
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
-    CLOSE_HALF_WIDTH_M,
     DetectorSettings,
     Search,
     clear_share,
     inner_stripe_shift,
     lane_score,
-    more_probable,
     observe_lines,
     search_lane,
 )
@@ -77,13 +76,12 @@ class TrackerSettings:
     min_total_support: float = 0.06
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
-    # Shortest time between searches with the network, which see more than those with the band filter. They are made
-    # while no sure lane is tracked. The second is for lanes looked for with a camera pose of their own.
-    network_period_s: float = 0.2
-    pose_period_s: float = 0.5
-    # Period of searches while tracking. A track is given up after this number of consecutive searches that found
-    # another lane whose score is larger by this margin.
+    # Period of searches while a lane is tracked, and while none is. The third is for lanes looked for with a camera pose
+    # of their own. A track is given up after a number of consecutive searches that found another lane whose score is
+    # larger by a margin.
     search_period_s: float = 1.0
+    start_period_s: float = 0.2
+    pose_period_s: float = 0.5
     challenger_margin: float = 0.1
     lost_comparisons: int = 3
     # Two lanes are the same if their lines lie within three of the known one's standard deviations of each other 6, 12
@@ -93,7 +91,7 @@ class TrackerSettings:
     lane_change_m: float = 0.1
     # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
     # this margin. The search uses the second one.
-    half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
+    half_widths_m: tuple[float, ...] = (4.5, 6.5, 9.0, 13.0)
     view_margin_m: float = 0.8
     # The views of most frames do not contain the far lines of the adjacent lanes: searches see them. In between they
     # end where the last search saw them end, and are dropped if that is nearer than this, where they leave the image.
@@ -128,7 +126,7 @@ class LaneTracker:
 
     Attributes
     ----------
-    evidence : FrameEvidence or None
+    evidence : Evidence or None
         What the last image showed.
     search : Search or None
         The search in the last image, None if none was due.
@@ -175,10 +173,10 @@ class LaneTracker:
     def _use(self, camera: Camera) -> None:
         """Begin with another pose of the camera."""
         camera.require_pose()
-        self._views = tuple(BirdsEyeView(camera, half_width_m=half) for half in self.settings.half_widths_m)
-        self._close_view = BirdsEyeView(camera, half_width_m=CLOSE_HALF_WIDTH_M)
+        near_m = self.settings.detector.near_m
+        self._views = tuple(BirdsEyeView(camera, near_m=near_m, half_width_m=h) for h in self.settings.half_widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
-        self.evidence: FrameEvidence | None = None
+        self.evidence: Evidence | None = None
         self.search: Search | None = None
         self.reset()
 
@@ -186,7 +184,7 @@ class LaneTracker:
         """Forget everything, as between two drives."""
         self._static = StaticPattern(self.view.shape[0], self._static_columns(self._views[-1].y_m)[-1] + 1)
         self._since_static_s, self._lane_moves = self.settings.static_period_s, False
-        self._since_network_s, self._since_pose_s = self.settings.network_period_s, self.settings.pose_period_s
+        self._since_pose_s = self.settings.pose_period_s
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -197,7 +195,7 @@ class LaneTracker:
         self._lane: Lane | None = None
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
-        self._unseen_s = self._since_search_s = 0.0
+        self._unseen_s, self._since_search_s = 0.0, self.settings.search_period_s
 
     def __repr__(self) -> str:
         camera = self.view.camera
@@ -236,10 +234,9 @@ class LaneTracker:
         self.search = None
         self._since_search_s += elapsed_s
         search = self._search_is_due()
-        view = self.view if search or self._lane is None else self._narrowest_view(self._lane)
-        band = extract_evidence(view.warp(image), view, s.detector.paint)
+        view = self._narrowest_view(self._lane, self.view if search else self._views[0])
         mask = find_mask(view.camera.require_size(image), self.markings)
-        evidence = mask.evidence(band, band) if mask else band
+        evidence = find_evidence(image, view, s.detector.paint, mask=mask, quick=not search)
         evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
@@ -253,32 +250,11 @@ class LaneTracker:
                 estimate = without_wrong_yaw(estimate, s.filter)
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
+            self._compare(challenger)
             self._since_search_s = 0.0
-            self._compare(self._look_again(image, mask, challenger))
-        self._since_network_s += elapsed_s
         self._since_pose_s += elapsed_s
         self._try_other_pose(image)
         return self._lane
-
-    def _look_again(self, image: np.ndarray, mask: Mask | None, found: Lane | None) -> Lane | None:
-        """The lane found by a search, or the more probable one that the network shows while no sure lane is tracked."""
-        known = self._lane if self._state == TRACKING else None
-        sure = any(lane is not None and lane.confidence >= SURE_CONFIDENCE for lane in (found, known))
-        due = self._since_network_s >= self.settings.network_period_s
-        if sure or not due or (mask and not mask.with_own):
-            return found
-        self._since_network_s = 0.0
-        band = extract_evidence(self._close_view.warp(image), self._close_view, self.settings.detector.paint)
-        learned = look_closer(image, band, mask)
-        if self._lane_moves:
-            static = self._static.is_static(*self._static_places(learned.stripes))
-            learned = replace(learned, stripes=learned.stripes.select(~static))
-        of_band, lane = self.search, self._search(learned)
-        if more_probable(found, lane) is found:
-            self.search = of_band
-            return found
-        self.evidence = learned
-        return lane
 
     def _try_other_pose(self, image: np.ndarray) -> None:
         """While no lane is likely, look for one with a camera pose from this image alone, and go on with its pose."""
@@ -295,11 +271,12 @@ class LaneTracker:
 
     def _search_is_due(self) -> bool:
         """Whether to search this frame without memory."""
-        if self._lane is None or self._state != TRACKING or self._lost_comparisons:
-            return True
-        return self._lane.score < self.settings.min_score or self._since_search_s >= self.settings.search_period_s
+        s, lane = self.settings, self._lane
+        sure = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
+        # half a frame earlier, so that rounding does not skip one
+        return self._since_search_s >= (s.search_period_s if sure else s.start_period_s) - 0.5 / self.fps
 
-    def _follow(self, estimate: State, fit: Fit, evidence: FrameEvidence, last: Lane, elapsed_s: float) -> None:
+    def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
         """Take the updated estimate; coast on it if the lane is not seen, or give it up."""
         s = self.settings
         phase, half = self._frames % s.profile_period, s.profile_period // 2
@@ -414,8 +391,8 @@ class LaneTracker:
         return lane
 
     def _without_static(
-        self, evidence: FrameEvidence, elapsed_s: float, *, search: bool
-    ) -> tuple[FrameEvidence, Lane | None]:
+        self, evidence: Evidence, elapsed_s: float, *, search: bool
+    ) -> tuple[Evidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
 
         Every `static_period_s` the evidence is a sample of what never moves. Nothing is left out unless a search finds
@@ -445,7 +422,7 @@ class LaneTracker:
                 return moving, lane
         return evidence, self._search(evidence) if search else None
 
-    def _search(self, evidence: FrameEvidence) -> Lane | None:
+    def _search(self, evidence: Evidence) -> Lane | None:
         """The lane found in the evidence without memory."""
         self.search = search_lane(evidence, self.settings.detector)
         return self.search.lane if self.search else None
@@ -458,10 +435,11 @@ class LaneTracker:
         """Columns of the static pattern at lateral positions."""
         return np.round((self._views[-1].y_m[0] - y_m) / self.settings.static_column_m).astype(int)
 
-    def _narrowest_view(self, lane: Lane) -> BirdsEyeView:
-        """The narrowest view that contains both lines of a lane."""
-        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + self.settings.view_margin_m
-        return next((view for view in self._views if reach_m < view.half_width_m), self._views[-1])
+    def _narrowest_view(self, lane: Lane | None, least: BirdsEyeView) -> BirdsEyeView:
+        """The narrowest view that contains both lines of a lane, not narrower than another one."""
+        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + self.settings.view_margin_m if lane else 0.0
+        reach_m = max(reach_m, least.half_width_m)
+        return next((view for view in self._views if reach_m <= view.half_width_m), self._views[-1])
 
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:
         """Whether both lines of a detected lane are those of the known one."""
