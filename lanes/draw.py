@@ -25,8 +25,8 @@ from lanes.canvas import (
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
-from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.paint import PAINT
 from lanes.detect.road import lines_on_view
 from lanes.track.tracker import LaneTracker

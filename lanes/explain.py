@@ -16,9 +16,9 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.describe import describe_bend
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
+from lanes.detect.evidence import Evidence
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
-from lanes.detect.evidence import Evidence
 from lanes.detect.paint import PAINT, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search

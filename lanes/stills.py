@@ -1,14 +1,12 @@
 """Detection in a single image, with a known camera pose or with one that has to come from the same image.
 
 A single image determines the height of the camera roughly, or not at all. With a wrong height two lines that are not a
-lane apart are taken for the ego lane. Several poses are therefore tried. If they show the same lane, the pose does not
-matter; if they show different ones, the lane is doubtful.
+lane apart are taken for the ego lane. Several heights are therefore tried. If they show the same lane, the height does
+not matter; if they show different ones, the lane is doubtful.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -19,14 +17,11 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import log_odds
 from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.lane import Lane
-from lanes.detect.markings import Markings, Mask, find_mask
+from lanes.detect.markings import Markings, find_mask
 from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
-from lanes.errors import CameraError
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
-# Standard deviation of the pitch of the road relative to the estimate, degrees.
-PITCH_STD_DEG = 0.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
 SAME_LINE_SHARE = 0.02
 
@@ -98,34 +93,35 @@ def detect_with_own_pose(
 ) -> StillDetection:
     """What is found in a single image whose camera pose is only known roughly.
 
-    Of the poses near the estimate, that with the most probable lane is taken. A pose has the probability of its
-    distance from the estimate, times the odds of the lane that it shows. The lane with the largest sum over all poses
-    that show it is taken, and of these poses the most probable one. The share of the poses tried that show this lane is
-    `Lane.same_lane_share`.
+    The evidence is found once and searched for several heights of the camera. A height has its prior probability times
+    the odds of the lane that it shows. The lane with the largest sum over all heights that show it is taken, and of
+    these heights the most probable one. The share of the heights, by their prior, that show this lane is
+    `Lane.same_lane_share`. The fit itself finds the pitch.
 
-    The pose of `camera` is the estimate; it is kept if no pose shows a lane. `height_log_std` is the standard deviation
-    of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
+    The pose of `camera` is the estimate; it is kept if no height shows a lane. `height_log_std` is the standard
+    deviation of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
     """
     mask, pose = find_mask(camera.require_size(image), markings), camera.require_pose()
     evidence = find_evidence(image, _new_view(camera, settings), settings.paint, mask=mask)
-    factors = np.array(settings.tried_heights if height_log_std else (1.0,))
-    log_prior = np.maximum(-0.5 * np.square(np.log(factors) / 0.25), settings.least_log_prior)
-    found = [_search(evidence.at_height(pose.height_m * factor), settings) for factor in factors]
+    steps = np.array(settings.tried_heights if height_log_std else (0.0,))
+    log_prior, heights_m = -0.5 * steps**2, pose.height_m * np.exp(steps * height_log_std)
+    found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
     shown = [k for k, detection in enumerate(found) if detection.lane]
+    lanes = [replace(detection.lane, same_lane_share=1.0) for detection in found if detection.lane]
     if not shown:
         return found[0]
-    log_posterior = np.array([log_prior[k] + log_odds(replace(found[k].lane, same_lane_share=1.0)) for k in shown])
+    log_posterior = log_prior[shown] + [log_odds(lane) for lane in lanes]
     probability = np.exp(log_posterior - log_posterior.max())
     # from the road 60 m ahead down to the lower border of the image
     top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
     rows = np.linspace(top, 0.98 * camera.height, 25)
-    same = _same_lane(np.array([found[k].lane.columns(found[k].camera, rows) for k in shown]), camera)
+    columns = [lane.columns(found[k].camera, rows) for k, lane in zip(shown, lanes, strict=True)]
+    same = _same_lane(np.array(columns), camera)
     of_lane = np.flatnonzero(same[(same @ probability).argmax()])
     best = of_lane[probability[of_lane].argmax()]
     prior = np.exp(log_prior)
     share = float(same[best] @ prior[shown] / prior.sum())
-    detection = found[shown[best]]
-    return replace(detection, lane=replace(detection.lane, same_lane_share=share))
+    return replace(found[shown[best]], lane=replace(lanes[best], same_lane_share=share))
 
 
 def _search(evidence: Evidence, settings: DetectorSettings) -> StillDetection:
@@ -148,8 +144,7 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _new_view(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
-    near_m = settings.near_m
-    return BirdsEyeView(camera, near_m=near_m, half_width_m=settings.half_width_m)
+    return BirdsEyeView(camera, near_m=settings.near_m, half_width_m=settings.half_width_m)
 
 
 @lru_cache(maxsize=4)

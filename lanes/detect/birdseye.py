@@ -125,7 +125,7 @@ class BirdsEyeView:
         return max(0, first - 2) // REDUCTIONS[-1] * REDUCTIONS[-1]
 
     def at_height(self, height_m: float) -> BirdsEyeView:
-        """The same cells of the image as a view for another height of the camera, to which distances are proportional."""
+        """The same cells of the image for another height of the camera, to which all distances are proportional."""
         camera, factor = self.camera, height_m / self.height_m
         lengths = {name: factor * getattr(self, name) for name in ("near_m", "far_m", "half_width_m", "cell_m")}
         view = replace(self, camera=camera.with_pose(replace(camera.require_pose(), height_m=height_m)), **lengths)

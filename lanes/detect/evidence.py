@@ -73,8 +73,8 @@ def find_evidence(
     own = mask is None or mask.with_own
     if own and not quick:
         paint, edges = network_strengths(image, view, settings)
-        w = settings.band_share
-        strength = (np.maximum(strength, np.float32(settings.band_floor) * view.seen) ** np.float32(w) * paint ** np.float32(1 - w)).astype(np.float32)  # the mean of the log odds
+        # the mean of the log odds; a response below the noise says nothing against paint
+        strength = np.sqrt(np.maximum(strength, np.float32(settings.least_strength) * view.seen) * paint)
         sources.append("network")
     if mask is not None:
         of_mask = mask.strength(view, settings)

@@ -54,8 +54,8 @@ class PaintSettings:
     # a kerb, a gutter and the end of the asphalt are decimetres apart.
     edge_weight: float = 0.25
     edge_std_m: float = 0.4
-    band_floor: float = 1.5
-    band_share: float = 0.5
+    # Strength of the band filter that is taken as the least where its response is combined with other sources.
+    least_strength: float = 1.5
 
 
 PAINT = PaintSettings()

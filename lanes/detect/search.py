@@ -36,10 +36,12 @@ class DetectorSettings:
     paint: PaintSettings = field(default_factory=PaintSettings)
     votes: VoteSettings = field(default_factory=VoteSettings)
     fit: FitSettings = field(default_factory=FitSettings)
+    # The views of single images and searches begin where images do, and are so wide that they hold the adjacent lines:
+    # in a wider one the network finds more that is no lane.
     near_m: float = 2.5
     half_width_m: float = 6.5
-    tried_heights: tuple[float, ...] = (1.0, 0.78, 1.28)
-    least_log_prior: float = -3.0
+    # Heights tried where the height is uncertain: steps of its logarithm, in standard deviations.
+    tried_heights: tuple[float, ...] = (0.0, -1.0, 1.0)
 
 
 DETECTOR = DetectorSettings()

@@ -18,9 +18,9 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
+from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
-from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.markings import Markings, find_mask
 from lanes.detect.paint import Stripes
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
@@ -76,9 +76,9 @@ class TrackerSettings:
     min_total_support: float = 0.06
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
-    # Period of searches while a lane is tracked, and while none is. The third is for lanes looked for with a camera pose
-    # of their own. A track is given up after a number of consecutive searches that found another lane whose score is
-    # larger by a margin.
+    # Period of searches while a lane is tracked, and while none is. The third is for lanes looked for with a camera
+    # pose of their own. A track is given up after a number of consecutive searches that found another lane whose score
+    # is larger by a margin.
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
@@ -390,9 +390,7 @@ class LaneTracker:
             return replace(lane, departure=replace(departure, due=False))
         return lane
 
-    def _without_static(
-        self, evidence: Evidence, elapsed_s: float, *, search: bool
-    ) -> tuple[Evidence, Lane | None]:
+    def _without_static(self, evidence: Evidence, elapsed_s: float, *, search: bool) -> tuple[Evidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
 
         Every `static_period_s` the evidence is a sample of what never moves. Nothing is left out unless a search finds
