@@ -144,7 +144,7 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _new_view(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
-    return BirdsEyeView(camera, near_m=settings.near_m, half_width_m=settings.half_width_m)
+    return BirdsEyeView.from_image_border(camera, settings.near_m, half_width_m=settings.half_width_m)
 
 
 @lru_cache(maxsize=4)

@@ -10,8 +10,8 @@ import pytest
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.evidence import find_evidence
 from lanes.detect.lane import LineEvidence
-from lanes.detect.paint import extract_evidence
 from lanes.draw import MOSAIC_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outlines, track_lane
 from lanes.errors import PictureError
 from lanes.track.tracker import LaneTracker
@@ -190,7 +190,7 @@ def test_mosaic_of_a_hairpin_leaves_out_rows_that_a_line_does_not_pass():
 def test_mosaic_shows_the_evidence_of_a_still():
     image, lane = tracked_bends()
     view = BirdsEyeView(SMALL)
-    evidence = extract_evidence(view.warp(image), view)
+    evidence = find_evidence(image, view)
     unpainted = replace(evidence, response=replace(evidence.response, strength=0 * evidence.response.strength))
     height, width = image.shape[:2]
     response = np.s_[height // 3 + 30 : 2 * height // 3 - 8, 2 * width // 3 + 4 :]

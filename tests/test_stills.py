@@ -1,4 +1,4 @@
-"""Detection in single images: band filter and network, and the pose that an image of an unknown camera gets."""
+"""Detection in single images, and the pose that an image of an unknown camera gets."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes import stills
 from lanes.camera import Camera, CameraPose
 from lanes.errors import CameraError
 from lanes.pose import estimate_pose
@@ -21,19 +20,15 @@ CLEAR = Road(DASHCAM).lines(1.8, -1.8).image()
 
 
 class TestKnownPose:
-    """The band filter finds the lane; where it is not sure, the network searches, too."""
-
-    def test_a_clear_lane_is_found_without_the_network(self, monkeypatch):
-        monkeypatch.delattr(stills, "look_closer")
+    def test_a_clear_lane_is_found(self):
         found = detect_still(CLEAR, DASHCAM)
-        assert not found.evidence.response.learned and found.camera is DASHCAM
+        assert found.camera is DASHCAM
         np.testing.assert_array_equal(find_lane(CLEAR, DASHCAM).model, found.lane.model)
         assert found.lane.same_lane_share is None
 
-    def test_a_faint_lane_is_found_by_the_network(self):
+    def test_a_lane_too_faint_for_the_band_filter_is_found(self):
         road = Road(DASHCAM, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8)))
         found = detect_still(road.image(), DASHCAM)
-        assert found.evidence.response.learned
         assert found.lane.confidence > 0.5
         assert found.lane.width_m == pytest.approx(3.6, abs=0.15) and found.lane.offset_m == pytest.approx(0, abs=0.1)
 
@@ -62,14 +57,14 @@ def is_right(found: StillDetection) -> bool:
 
 
 class TestOwnPose:
-    """Of the poses near the estimate, that with the most probable lane; the stripes are those of the network."""
+    """Of the heights near the estimate, that with the most probable lane."""
 
     def test_the_right_lane_is_found_though_the_height_is_wrong(self):
         """With half the height two lanes look as wide as one."""
         image = paint_motorway(CAMERA)
         assert not is_right(detect_still(image, CAMERA.with_pose(replace(POSE, height_m=0.93))))
         found = own_pose(image, 0.93, 0.5)
-        assert is_right(found) and found.evidence.response.learned
+        assert is_right(found)
         assert abs(np.log(found.camera.pose.height_m / 1.7)) < abs(np.log(0.93 / 1.7)) - 0.2
 
     def test_the_poses_agree_on_a_lane_that_is_clear_and_not_on_one_among_many_lines(self):

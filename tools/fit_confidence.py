@@ -1,6 +1,8 @@
 """Fit the weights of `lanes.detect.confidence` by logistic regression on drives with known truth.
 
     python -m tools.fit_confidence           fits; prints the weights and their calibration
+    python -m tools.fit_confidence --real FOLDER   corrects the present weights on labelled real roads, see
+                                             benchmark.real_roads; prints weights fitted without each set in turn
     python -m tools.fit_confidence --check   prints the calibration of the present weights on other roads
     python -m tools.fit_confidence --markings model.onnx   prints `confidence_shift` for the YAML file of a network
 
@@ -17,6 +19,8 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -25,15 +29,18 @@ from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.evaluation import read_truth
+from benchmark.real_roads import WAYS, read_road_sets, score_set
 from benchmark.scored_drive import BenchmarkDrive, drive_from_video
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
+from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.video.reader import inspect_video, read_video
+from simulator.processes import run_all
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
@@ -47,6 +54,8 @@ DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.
 STILL_EVERY = 4
 RIDGE = 1.0
+# The same for the correction of the present weights on real roads, chosen among 12, 20 and 40.
+REAL_RIDGE = 20.0
 # Frames of one drive are correlated: together they count as this number of independent ones.
 EFFECTIVE_FRAMES = 25.0
 # Number of parts of the cross-validation; a drive is in one part only.
@@ -263,6 +272,60 @@ def fit_logistic(
     return weights
 
 
+def correct_weights(
+    features: np.ndarray, right: np.ndarray, weight: np.ndarray, *, ridge: float = REAL_RIDGE
+) -> np.ndarray:
+    """The present weights (F,), corrected on the features (lanes, F) of labelled real roads: they are the prior."""
+    present = np.array([*WEIGHTS.values()])
+    # a correction is measured by what it does to lanes that differ by the standard deviation of the feature
+    information = ridge * np.square(np.maximum(features.std(axis=0), 0.05))
+    information[0] = 0.1 * ridge
+    correction = np.zeros(len(present))
+    for _ in range(40):
+        probability = logistic(features @ (present + correction))
+        hessian = (features.T * (weight * probability * (1 - probability))) @ features + np.diag(information)
+        gradient = features.T @ (weight * (right - probability)) - information * correction
+        correction += np.linalg.solve(hessian, gradient)
+    return present + correction
+
+
+def samples_of_real_roads(folder: Path, workers: int) -> tuple[np.ndarray, ...]:
+    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of labelled real roads and of no roads.
+
+    A set counts as 12 independent images; an image without a road, of its own pose and of a given one, as four.
+    """
+    tasks = [(roads, way) for roads in read_road_sets(folder) for way in WAYS]
+    found = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=workers)
+    rows = [
+        (roads.name, lane_features(one.lane), bool(one.score.right))
+        for (roads, _), some in zip(tasks, found, strict=True)
+        for one in some
+        if one.lane and one.score.right is not None
+    ]
+    for kind in KINDS:
+        for seed in range(5):
+            image = not_a_road(kind, seed)
+            lanes = find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))
+            rows += [(f"no {kind}", lane_features(lane), False) for lane in lanes if lane]
+    name, features, right = zip(*rows, strict=True)
+    _, of, count = np.unique(name, return_inverse=True, return_counts=True)
+    no_road = np.array([text.startswith("no ") for text in name])
+    weight = np.where(no_road, 4.0, 1.0) * np.minimum(1, 12 / count[of])
+    return np.array([[*some.values()] for some in features]), np.array(right), weight, np.array(name)
+
+
+def fit_on_real_roads(folder: Path, workers: int) -> None:
+    """Print the calibration of the present and of the corrected weights, left out set by set, and the latter."""
+    features, right, weight, name = samples_of_real_roads(folder, workers)
+    print_calibration("present", logistic(features @ np.array([*WEIGHTS.values()])), right, name)
+    left_out = np.zeros(len(right))
+    for one in np.unique(name):
+        rest = name != one
+        left_out[~rest] = logistic(features[~rest] @ correct_weights(features[rest], right[rest], weight[rest]))
+    print_calibration("corrected, each set left out", left_out, right, name)
+    print(dict(zip(WEIGHTS, np.round(correct_weights(features, right, weight), 2).tolist(), strict=True)))
+
+
 def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> float:
     """The number that, added to the log odds (lanes,), makes the mean probability the share of correct lanes.
 
@@ -332,8 +395,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
     parser.add_argument("--markings", metavar="MODEL.onnx", help="fit the constant of the lanes of this network")
+    parser.add_argument("--real", type=Path, metavar="FOLDER", help="correct the weights on labelled real roads")
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes, with --real")
     options = parser.parse_args()
     cv2.setNumThreads(1)
+    if options.real:
+        fit_on_real_roads(options.real, options.workers)
+        return
     if options.markings:
         markings = load_markings(options.markings)
         print_shift(markings, collect_samples(markings))

@@ -45,11 +45,19 @@ class BirdsEyeView:
     """
 
     camera: Camera
-    near_m: float = 2.5
+    near_m: float = 5.0
     far_m: float = 70.0
     growth: float = 0.022
     half_width_m: float = 9.0
     cell_m: float = 0.05
+
+    @classmethod
+    def from_image_border(cls, camera: Camera, near_m: float, **options: float) -> BirdsEyeView:
+        """The view from the lower border of the image on, not nearer than `near_m`; options are those of the class."""
+        border = np.column_stack([np.linspace(0, camera.width - 1, 9), np.full(9, camera.height - 1.0)])
+        x_m = camera.pixels_to_road(border)[:, 0]
+        seen_from_m = x_m[x_m > 0].min(initial=cls.far_m / 2)
+        return cls(camera, near_m=max(near_m, float(seen_from_m)), **options)
 
     @cached_property
     def x_m(self) -> np.ndarray:

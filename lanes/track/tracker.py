@@ -76,9 +76,9 @@ class TrackerSettings:
     min_total_support: float = 0.06
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
-    # Period of searches while a lane is tracked, and while none is. The third is for lanes looked for with a camera
-    # pose of their own. A track is given up after a number of consecutive searches that found another lane whose score
-    # is larger by a margin.
+    # Periods of searches with the network while a sure lane is tracked, and otherwise; while none is seen, each frame
+    # is searched with the band filter. The third is for lanes looked for with a camera pose of their own. A track is
+    # given up after a number of consecutive searches that found another lane whose score is larger by a margin.
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
@@ -173,8 +173,8 @@ class LaneTracker:
     def _use(self, camera: Camera) -> None:
         """Begin with another pose of the camera."""
         camera.require_pose()
-        near_m = self.settings.detector.near_m
-        self._views = tuple(BirdsEyeView(camera, near_m=near_m, half_width_m=h) for h in self.settings.half_widths_m)
+        near_m, widths_m = self.settings.detector.near_m, self.settings.half_widths_m
+        self._views = tuple(BirdsEyeView.from_image_border(camera, near_m, half_width_m=half) for half in widths_m)
         self.view = self._views[min(1, len(self._views) - 1)]
         self.evidence: Evidence | None = None
         self.search: Search | None = None
@@ -195,7 +195,7 @@ class LaneTracker:
         self._lane: Lane | None = None
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
-        self._unseen_s, self._since_search_s = 0.0, self.settings.search_period_s
+        self._unseen_s, self._since_full_s = 0.0, self.settings.search_period_s
 
     def __repr__(self) -> str:
         camera = self.view.camera
@@ -232,11 +232,11 @@ class LaneTracker:
             elapsed_s = max(0.0, elapsed_s)
         self._frames += 1
         self.search = None
-        self._since_search_s += elapsed_s
-        search = self._search_is_due()
+        self._since_full_s += elapsed_s
+        search, full = self._is_due()
         view = self._narrowest_view(self._lane, self.view if search else self._views[0])
         mask = find_mask(view.camera.require_size(image), self.markings)
-        evidence = find_evidence(image, view, s.detector.paint, mask=mask, quick=not search)
+        evidence = find_evidence(image, view, s.detector.paint, mask=mask, quick=not full)
         evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
@@ -251,7 +251,7 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._compare(challenger)
-            self._since_search_s = 0.0
+            self._since_full_s *= not full
         self._since_pose_s += elapsed_s
         self._try_other_pose(image)
         return self._lane
@@ -269,12 +269,14 @@ class LaneTracker:
             self._start(still.lane)
         self._since_pose_s = 0.0
 
-    def _search_is_due(self) -> bool:
-        """Whether to search this frame without memory."""
+    def _is_due(self) -> tuple[bool, bool]:
+        """Whether to search this frame without memory, and whether in the evidence of the network, too."""
         s, lane = self.settings, self._lane
-        sure = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
+        seen = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
+        sure = seen and lane is not None and lane.confidence >= SURE_CONFIDENCE
         # half a frame earlier, so that rounding does not skip one
-        return self._since_search_s >= (s.search_period_s if sure else s.start_period_s) - 0.5 / self.fps
+        full = self._since_full_s >= (s.search_period_s if sure else s.start_period_s) - 0.5 / self.fps
+        return full or not seen, full
 
     def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
         """Take the updated estimate; coast on it if the lane is not seen, or give it up."""

@@ -16,9 +16,10 @@ from benchmark.runner import cached_estimates
 from benchmark.scored_drive import drive_from_video
 from lanes.annotate import DriveSettings
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.evidence import find_evidence
 from lanes.detect.markings import Mask, find_mask, load_markings, thin
 from lanes.detect.network import network_strengths
-from lanes.detect.paint import extract_evidence, lightness, strength_weight
+from lanes.detect.paint import lightness, strength_weight
 from lanes.errors import LaneError
 from lanes.files import read_telemetry, read_text
 from lanes.images import write_image
@@ -94,13 +95,13 @@ class TestMask:
         """The left line is painted, the right one is only in the mask."""
         road = Road(CAMERA).lines(LEFT_M)
         image, mask = road.image(), 0.9 * wide_mask(road)
-        band = extract_evidence(VIEW.warp(image), VIEW)
-        joined = Mask(mask, True, 0.0).evidence(band, band).stripes
+        own = find_evidence(image, VIEW).stripes
+        joined = find_evidence(image, VIEW, mask=Mask(mask, True, 0.0)).stripes
         near_left = np.abs(joined.y_m - LEFT_M) < 0.5
-        own = np.abs(band.stripes.y_m - LEFT_M) < 0.5
-        assert near_left.sum() == own.sum() and (joined.weight[near_left] >= band.stripes.weight[own] - 0.03).all()
+        own_left = np.abs(own.y_m - LEFT_M) < 0.5
+        assert near_left.sum() == own_left.sum() and (joined.weight[near_left] >= own.weight[own_left] - 0.03).all()
         assert (np.abs(joined.y_m - RIGHT_M) < 0.1).sum() > 70
-        only_mask = Mask(mask, False, 0.0).evidence(band, band).stripes
+        only_mask = find_evidence(image, VIEW, mask=Mask(mask, False, 0.0)).stripes
         assert len(only_mask) <= len(joined) and only_mask.measurable[only_mask.y_m > 0].mean() > 0.9
 
     def test_with_own_a_mask_without_markings_leaves_what_our_network_finds(self):

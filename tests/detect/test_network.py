@@ -1,4 +1,4 @@
-"""Learned marking response of a single picture."""
+"""Evidence of band filter and network in a single image."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import finer_view, learned_evidence, network_inputs
-from lanes.detect.paint import FrameEvidence, Stripes, extract_evidence
+from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.network import finer_view, network_inputs
+from lanes.detect.paint import Stripes
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -21,8 +22,8 @@ def lane(road: Road, **look: object) -> np.ndarray:
     return road.lines(LEFT_M, RIGHT_M, **look).image()
 
 
-def evidence_of(image: np.ndarray, view: BirdsEyeView = VIEW) -> FrameEvidence:
-    return learned_evidence(image, extract_evidence(view.warp(image), view))
+def evidence_of(image: np.ndarray, view: BirdsEyeView = VIEW) -> Evidence:
+    return find_evidence(image, view)
 
 
 def stripes_of(image: np.ndarray, far_m: float = 30.0) -> Stripes:
@@ -59,7 +60,7 @@ def test_positions_are_as_exact_as_those_of_the_band_filter():
 def test_a_faint_line_is_seen_better_than_by_the_band_filter():
     faint = tuple(np.add(ASPHALT, 9))
     image = lane(Road(CAMERA, noise=5.0), colour=faint)
-    band = extract_evidence(VIEW.warp(image), VIEW).stripes
+    band = find_evidence(image, VIEW, quick=True).stripes
     assert found_rows(stripes_of(image)) > 2 * found_rows(band)
 
 
@@ -100,7 +101,7 @@ def test_the_edge_of_a_shadow_is_no_paint():
 def test_botts_dots_are_seen_as_dashes():
     """Dots 0.75 m apart: nearly all rows have a candidate, more than twice as many as with the band filter."""
     image = lane(Road(CAMERA, noise=3.0), width_m=0.1, dash_m=(0.16, 0.75))
-    band = extract_evidence(VIEW.warp(image), VIEW).stripes
+    band = find_evidence(image, VIEW, quick=True).stripes
     assert found_rows(stripes_of(image)) > max(0.8, 2 * found_rows(band))
 
 

@@ -7,9 +7,10 @@ import pytest
 
 from lanes.camera import CameraPose
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.evidence import find_evidence
 from lanes.detect.fit import FitSettings
 from lanes.detect.lane import Lane
-from lanes.detect.paint import PaintSettings, extract_evidence
+from lanes.detect.paint import PaintSettings
 from lanes.detect.road import RoadPrior
 from lanes.detect.search import DetectorSettings, search_lane
 from lanes.detect.votes import VoteSettings
@@ -114,7 +115,7 @@ def test_bare_road_has_no_lane(noise):
 
 def band_lane(image: np.ndarray) -> Lane | None:
     """The lane in the stripes of the band filter alone."""
-    found = search_lane(extract_evidence(VIEW.warp(image), VIEW))
+    found = search_lane(find_evidence(image, VIEW, quick=True))
     return found.lane if found else None
 
 
@@ -136,7 +137,7 @@ def test_edges_alone_are_no_lane_for_the_band_filter():
 def test_the_settings_of_each_step_count(settings):
     image = shaded_bend()[0].image()
     found = [
-        (search_lane(extract_evidence(VIEW.warp(image), VIEW, used.paint), used).lane, find_lane(image, CAMERA, used))
+        (search_lane(find_evidence(image, VIEW, used.paint, quick=True), used).lane, find_lane(image, CAMERA, used))
         for used in (DetectorSettings(), settings)
     ]
     for usual, other in zip(*found, strict=True):
