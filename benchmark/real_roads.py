@@ -14,7 +14,7 @@ import json
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -144,10 +144,17 @@ def _score_clips(roads: RoadSet, settings: TrackerSettings) -> list[ScoredLane]:
         with closing(read_frames(clip, info)) as frames:
             for number, (_, lane) in enumerate(track_frames(frames, tracker)):
                 if label := labels.pop(number, None):
-                    scores.append(_score(label, lane, tracker.camera))
+                    scores.append(_score(_at_size(roads.folder, label, tracker.camera.size), lane, tracker.camera))
                 if not labels:
                     break
     return scores
+
+
+def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneColumns:
+    """A label of a still as one of the clip's frames, which have another width if the clip's pixels are not square."""
+    height, width = read_image(folder / label.name).shape[:2]
+    columns = np.where(label.columns >= 0, label.columns * size[0] / width, label.columns)
+    return replace(label, columns=columns, rows=label.rows * size[1] / height)
 
 
 def _score(label: LaneColumns, lane: Lane | None, camera: Camera) -> ScoredLane:

@@ -228,7 +228,9 @@ def _check_birdseye(evidence: Evidence) -> Step:
     view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
-    summary = f"picture covers {view.seen.mean():.0%} of {view.near_m:g} to {view.far_m:g} m, brightness {median:.0f}"
+    summary = (
+        f"picture covers {view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m, brightness {median:.0f}"
+    )
     failure = advice = ""
     if median < 20:
         failure = f"the road is almost black (median {median:.0f} of 255)."
@@ -236,7 +238,7 @@ def _check_birdseye(evidence: Evidence) -> Step:
     elif median > 240:
         failure = f"the road is glaring white (median {median:.0f} of 255)."
         advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
-    elif high - low < 8:
+    elif high - low < 10:
         failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
         advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
     return Step("birdseye", summary, failure, advice)
@@ -251,7 +253,7 @@ def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
     if "network" in evidence.sources:
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
-        failure = f"the network finds no paint with a probability above {minimum_p:.0%}."
+        failure = f"no paint is found with a probability above {minimum_p:.0%}."
     if best > minimum:
         return Step("markings", summary)
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "

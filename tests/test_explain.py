@@ -95,9 +95,9 @@ FAILURES = {
     "no lines": (
         lambda: (grey(100, 6.0), CAMERA),
         "markings",
-        "the network finds no paint",
+        "no paint is found with a probability",
     ),
-    "spots": (lambda: (spots_image(), CAMERA), "lane", "line is not seen"),
+    "spots": (lambda: (spots_image(), CAMERA), "fit", "do not line up"),
     "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
     "far paint": (
         lambda: (Road(CAMERA, noise=4.0).line(lambda x: np.where(x > 35, 1.8, 99)).image(), CAMERA),

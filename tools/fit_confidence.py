@@ -1,7 +1,7 @@
 """Fit the weights of `lanes.detect.confidence` by logistic regression on drives with known truth.
 
     python -m tools.fit_confidence           fits; prints the weights and their calibration
-    python -m tools.fit_confidence --real FOLDER   corrects the present weights on labelled real roads, see
+    python -m tools.fit_confidence --real FOLDER   corrects RENDERED_WEIGHTS on labelled real roads, see
                                              benchmark.real_roads; prints weights fitted without each set in turn
     python -m tools.fit_confidence --check   prints the calibration of the present weights on other roads
     python -m tools.fit_confidence --markings model.onnx   prints `confidence_shift` for the YAML file of a network
@@ -54,8 +54,13 @@ DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.
 STILL_EVERY = 4
 RIDGE = 1.0
-# The same for the correction of the present weights on real roads, chosen among 12, 20 and 40.
-REAL_RIDGE = 20.0
+# The same for the correction of the present weights on real roads, chosen among 5, 8 and 14.
+REAL_RIDGE = 14.0
+# What is corrected: the weights that rendered and painted roads alone give.
+RENDERED_WEIGHTS = (-4.53, -2.67, 5.72, -0.91, -4.73, -3.91, 0.93, 1.28)
+# A set counts as this number of independent images at most, an image without a road as 6. A lane of a painted drive
+# counts little: it keeps what labelled images say nothing about, since their lanes are right or wrong in pixels.
+SET_IMAGES, NO_ROAD_WEIGHT, PAINTED_WEIGHT = 12, 6.0, 0.03
 # Frames of one drive are correlated: together they count as this number of independent ones.
 EFFECTIVE_FRAMES = 25.0
 # Number of parts of the cross-validation; a drive is in one part only.
@@ -275,24 +280,26 @@ def fit_logistic(
 def correct_weights(
     features: np.ndarray, right: np.ndarray, weight: np.ndarray, *, ridge: float = REAL_RIDGE
 ) -> np.ndarray:
-    """The present weights (F,), corrected on the features (lanes, F) of labelled real roads: they are the prior."""
-    present = np.array([*WEIGHTS.values()])
+    """`RENDERED_WEIGHTS` (F,), corrected on the features (lanes, F) of labelled real roads: they are the prior."""
+    rendered = np.array(RENDERED_WEIGHTS)
     # a correction is measured by what it does to lanes that differ by the standard deviation of the feature
     information = ridge * np.square(np.maximum(features.std(axis=0), 0.05))
     information[0] = 0.1 * ridge
-    correction = np.zeros(len(present))
+    # few real drives have a wrong yaw
+    information[[*WEIGHTS].index("odd heading")] *= 100
+    correction = np.zeros(len(rendered))
     for _ in range(40):
-        probability = logistic(features @ (present + correction))
+        probability = logistic(features @ (rendered + correction))
         hessian = (features.T * (weight * probability * (1 - probability))) @ features + np.diag(information)
         gradient = features.T @ (weight * (right - probability)) - information * correction
         correction += np.linalg.solve(hessian, gradient)
-    return present + correction
+    return rendered + correction
 
 
 def samples_of_real_roads(folder: Path, workers: int) -> tuple[np.ndarray, ...]:
-    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of labelled real roads and of no roads.
+    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of labelled real roads, no roads, and painted drives.
 
-    A set counts as 12 independent images; an image without a road, of its own pose and of a given one, as four.
+    The images without a road are searched with a pose of their own and with a given one.
     """
     tasks = [(roads, way) for roads in read_road_sets(folder) for way in WAYS]
     found = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=workers)
@@ -303,14 +310,18 @@ def samples_of_real_roads(folder: Path, workers: int) -> tuple[np.ndarray, ...]:
         if one.lane and one.score.right is not None
     ]
     for kind in KINDS:
-        for seed in range(5):
+        for seed in range(12):
             image = not_a_road(kind, seed)
             lanes = find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))
             rows += [(f"no {kind}", lane_features(lane), False) for lane in lanes if lane]
+    camera = CAMERA.scaled((640, 360))
+    for seed, wrong in [(4000 + k, True) for k in range(20)] + [(4100 + k, False) for k in range(12)]:
+        samples = samples_of_painted_drive(seed, camera, seconds=1.6, fps=12.5, pose_is_wrong=wrong)
+        rows += [(f"painted {seed}", dict(zip(WEIGHTS, row, strict=False)), row[-3] > 0) for row in sum(samples, [])]
     name, features, right = zip(*rows, strict=True)
     _, of, count = np.unique(name, return_inverse=True, return_counts=True)
-    no_road = np.array([text.startswith("no ") for text in name])
-    weight = np.where(no_road, 4.0, 1.0) * np.minimum(1, 12 / count[of])
+    kinds = {"no": NO_ROAD_WEIGHT, "painted": PAINTED_WEIGHT}
+    weight = np.array([kinds.get(text.split()[0], 1.0) for text in name]) * np.minimum(1, SET_IMAGES / count[of])
     return np.array([[*some.values()] for some in features]), np.array(right), weight, np.array(name)
 
 

@@ -38,7 +38,7 @@ def test_unusual_lanes_have_low_confidence(tracked):
     assert good > 0.95
     for width_m in (4.5, 2.5):
         assert rated(lane_with(width_m=width_m), tracked=tracked) < 0.5
-    assert rated(lane_with(std_m=0.3), tracked=tracked) < 0.5
+    assert rated(lane_with(std_m=0.4), tracked=tracked) < 0.5
 
 
 def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():

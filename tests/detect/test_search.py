@@ -129,7 +129,7 @@ def test_edges_alone_are_no_lane_for_the_band_filter():
     [
         DetectorSettings(paint=PaintSettings(single_m=0.3)),
         DetectorSettings(votes=VoteSettings(far_m=7.0)),
-        DetectorSettings(fit=FitSettings(min_support=0.9)),
+        DetectorSettings(fit=FitSettings(min_support=1.1)),
         DetectorSettings(fit=FitSettings(prior=RoadPrior(width_m=(2.9, 0.01, 6.0)))),
     ],
     ids=["paint", "votes", "fit", "prior"],
