@@ -228,9 +228,8 @@ def _check_birdseye(evidence: Evidence) -> Step:
     view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
-    summary = (
-        f"picture covers {view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m, brightness {median:.0f}"
-    )
+    part = f"{view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m"
+    summary = f"picture covers {part}, brightness {median:.0f}"
     failure = advice = ""
     if median < 20:
         failure = f"the road is almost black (median {median:.0f} of 255)."
@@ -238,7 +237,7 @@ def _check_birdseye(evidence: Evidence) -> Step:
     elif median > 240:
         failure = f"the road is glaring white (median {median:.0f} of 255)."
         advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
-    elif high - low < 10:
+    elif high - low < 6:
         failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
         advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
     return Step("birdseye", summary, failure, advice)

@@ -297,7 +297,7 @@ def correct_weights(
 
 
 def samples_of_real_roads(folder: Path, workers: int) -> tuple[np.ndarray, ...]:
-    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of labelled real roads, no roads, and painted drives.
+    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of real and painted roads, and of no roads.
 
     The images without a road are searched with a pose of their own and with a given one.
     """

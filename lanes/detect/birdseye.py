@@ -160,7 +160,7 @@ class BirdsEyeView:
                 scale = reduction / target
                 reduced = cv2.resize(reduced, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
                 reduction = target
-            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_CONSTANT)
+            cv2.remap(reduced, position, fraction, cv2.INTER_LINEAR, cells[rows], cv2.BORDER_REPLICATE)
         return cells
 
     def blacken(self, cells: np.ndarray) -> np.ndarray:
