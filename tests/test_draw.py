@@ -68,6 +68,7 @@ def test_drawing_tints_the_lane_and_leaves_the_rest():
 
 def test_a_far_line_is_drawn_thinly_as_far_as_it_is_seen():
     image, lane = tracked_bends()
+    lane = replace(lane, far_evidence=(None, None))
     far = replace(lane, far_evidence=(None, LineEvidence(0.2, True, 25.0)))
     changed = (draw_lane(image, far, SMALL) != draw_lane(image, lane, SMALL)).any(axis=2)
     x = np.array([12.0, 18.0, 24.0, 30.0])

@@ -91,7 +91,7 @@ class TrackerSettings:
     lane_change_m: float = 0.1
     # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
     # this margin. The search uses the second one.
-    half_widths_m: tuple[float, ...] = (4.5, 6.5, 9.0, 13.0)
+    half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
     view_margin_m: float = 0.8
     # The views of most frames do not contain the far lines of the adjacent lanes: searches see them. In between they
     # end where the last search saw them end, and are dropped if that is nearer than this, where they leave the image.

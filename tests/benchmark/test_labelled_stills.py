@@ -110,7 +110,9 @@ def test_the_scores_are_those_of_the_command_score(folder, tmp_path, capsys):
     assert main(["score", labels, found, "-o", str(tmp_path / "score.html")]) == 0
     by_score = [line.split() for line in capsys.readouterr().out.splitlines()]
     (detector,) = (row[1:] for row in by_benchmark if row[:1] == ["detector"])
-    assert detector == next(row[1:] for row in by_score if row[:1] == ["all"])
+    of_all = next(row[1:] for row in by_score if row[:1] == ["all"])
+    # but for the false positives: the command `detect` writes the far lines, too
+    assert detector[:3] + detector[4:] == of_all[:3] + of_all[4:]
     ranges = [[row for row in rows if row[:1] in (["0.9"], ["0.5"], ["below"])] for rows in (by_benchmark, by_score)]
     # a detection's confidence is rounded to four decimals
     assert [row[:-2] for row in ranges[0]] == [row[:-2] for row in ranges[1]] and len(ranges[0]) == 3

@@ -69,10 +69,10 @@ def test_a_tracked_frame_costs_less_than_undistorting_it():
     assert states.count(TRACKING) > 0.9 * len(states)
 
 
-def test_a_still_costs_about_two_undistortions():
-    """1.8 to 2.1, and up to 2.6 on a machine that others use as well."""
+def test_a_still_costs_about_six_undistortions():
+    """5.7 on a machine that others use as well; most of it is the network."""
 
     def work(image: np.ndarray) -> None:
         draw_lane(image, find_lane(image, CAMERA), CAMERA, onto=image)
 
-    assert undistorts(lambda: work, PICTURES[: FRAMES // 2]) < 3.0
+    assert undistorts(lambda: work, PICTURES[: FRAMES // 2]) < 9.0
