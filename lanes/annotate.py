@@ -277,7 +277,9 @@ def make_tracker(
             return estimate_pose(image, camera, height_m=height_m, markings=markings, settings=detector).still
         return None
 
-    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings, settings=settings)
+    shift = pose.confidence_shift if pose else 0.0
+    options: dict[str, Any] = {"markings": markings, "settings": settings, "confidence_shift": shift}
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, **options)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:

@@ -22,7 +22,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR, DetectorSettings
 from lanes.errors import CameraError, PoseError
@@ -75,7 +75,8 @@ class PoseEstimate:
     between two lines.
     `lane_width_m` determines the height, or follows from a given height; it is None if the pose is doubtful. `notes`
     name what the images do not determine. If the pose was estimated from a single image, `still` is what was found in
-    it, and the pose is that of its lane.
+    it, and the pose is that of its lane. `confidence_shift` is added to the log odds of lanes that are found with the
+    pose: the images allow other heights, too.
     """
 
     camera: Camera
@@ -88,6 +89,7 @@ class PoseEstimate:
     lane_width_m: float | None
     notes: tuple[str, ...] = ()
     still: StillDetection | None = None
+    confidence_shift: float = 0.0
 
     @property
     def pose(self) -> CameraPose:
@@ -304,6 +306,9 @@ def detect_in_drive(
     if drive.still:
         return drive.still, drive
     found = detect_still(image, camera, settings, markings=markings)
+    if found.lane:
+        shift = found.lane.confidence_shift + drive.confidence_shift
+        found = replace(found, lane=replace(found.lane, confidence_shift=shift))
     if found.confidence < SURE_CONFIDENCE or drive.state != ESTIMATED:
         with suppress(CameraError):
             options: dict[str, Any] = {"height_m": drive.given_height_m, "markings": markings}
@@ -417,6 +422,7 @@ def _summarise(
         frames_total=total,
         lane_width_m=None if doubtful else lane_width_m * width_ratio,
         notes=tuple(notes),
+        confidence_shift=0.0 if height_m else rivals.share * WEIGHTS["other lanes"],
     )
 
 

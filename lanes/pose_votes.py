@@ -2,8 +2,7 @@
 
 From a lorry two lanes look like one lane seen from a car, with a dashed line along its middle, and such a lane is found
 in every image. Each image is therefore searched at several heights. A lane votes, with its odds, for the height at
-which it is as wide as lanes are: of two heights at which the images show lanes, the votes prefer the one whose lanes
-are more probable.
+which it is as wide as lanes are, and with less odds if a line runs along its middle.
 
 A roll makes lanes of equal width look narrower on one side. The far lines of the lanes next to it are then not where
 they are looked for; at the right roll they are. One such line may belong to a shoulder or to a narrower lane: two or
@@ -19,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE, log_odds
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
 from lanes.detect.search import DetectorSettings
@@ -42,16 +41,21 @@ ROLLS_RAD, PRIOR_ROLL_STD_RAD = np.radians(np.arange(-6, 6.01, 0.25)), np.radian
 RIVAL_LOG_HEIGHT, RIVAL_ROLL_RAD = 0.35, np.radians(1.0)
 # Weight of the pose that the images were searched with; that of a lane is its confidence.
 START_WEIGHT = 0.5
-# Far lines of the lanes next to the ego lane and of those beyond, in lane widths from its middle, with the standard
-# deviation of their positions. They are looked for up to this distance ahead; with this weight of stripes a line is
-# seen as likely as not. A line that is seen in all images has this logarithm of odds.
-FAR_LINES, FAR_LINE_STD, FAR_LINES_AHEAD_M, HALF_SEEN, FAR_LINE_LOG_ODDS = (-2.5, -1.5, 1.5, 2.5), 0.04, 45.0, 8.0, 3.0
+# Lines parallel to a lane, in lane widths from its middle: one along the middle itself, and the far lines of the lanes
+# next to it and of those beyond; standard deviation of their positions. They are looked for up to this distance ahead.
+# With this weight of stripes a line is seen as likely as not.
+MIDDLE_LINE, FAR_LINES, LINE_STD, LINES_AHEAD_M, HALF_SEEN = (0.0,), (-2.5, -1.5, 1.5, 2.5), 0.05, 45.0, 4.0
+# Logarithm of the odds against a lane with a line along its middle (a seam, arrows), and for a roll at which a far line
+# is seen in all images.
+LINE_LOG_ODDS = 3.0
+# Half width of the view of the first images: it holds the far lines of the adjacent lanes at a roll of 3 degrees.
+FIRST_HALF_WIDTH_M = 8.5
 
 
 def vote_heights(odds: np.ndarray, log_heights: np.ndarray) -> np.ndarray:
     """Density over `LOG_HEIGHTS`, from the odds (images, N) of lanes and the log heights that they show.
 
-    NaN where no lane is seen. Without lanes it is the prior.
+    These are NaN where no lane is seen. Without lanes the density is the prior.
     """
     prior = np.exp(-0.5 * ((LOG_HEIGHTS - np.log(PRIOR_HEIGHT_M)) / PRIOR_HEIGHT_LOG_STD) ** 2)
     near = np.exp(-0.5 * ((log_heights[..., None] - LOG_HEIGHTS) / LANE_LOG_STD) ** 2)
@@ -59,29 +63,36 @@ def vote_heights(odds: np.ndarray, log_heights: np.ndarray) -> np.ndarray:
     return _normalised(np.log(np.maximum(prior, RARE_HEIGHT)) + np.log1p(votes / USELESS_ODDS).sum(axis=0))
 
 
+def _vote(still: StillDetection) -> float:
+    """Odds of the lane in an image, 0 without one; a line along its middle makes them less."""
+    if still.lane is None:
+        return 0.0
+    middle = float(_lines_seen(still, MIDDLE_LINE, np.zeros(1))[0, 0])
+    return float(np.exp(log_odds(still.lane) - LINE_LOG_ODDS * middle))
+
+
 def vote_rolls(stills: Sequence[StillDetection]) -> np.ndarray:
     """Density over `ROLLS_RAD`, relative to the roll of the poses that the lanes of the images were found with."""
     log_density = -np.log1p((ROLLS_RAD / PRIOR_ROLL_STD_RAD) ** 2)
     if stills:
-        log_density += FAR_LINE_LOG_ODDS * np.mean([_far_lines_seen(still) for still in stills], axis=0).sum(axis=0)
+        seen = np.mean([_lines_seen(still, FAR_LINES, ROLLS_RAD) for still in stills], axis=0)
+        log_density += LINE_LOG_ODDS * seen.sum(axis=0)
     return _normalised(log_density)
 
 
-def _far_lines_seen(still: StillDetection) -> np.ndarray:
-    """How much of each of the `FAR_LINES` one image shows at each of the `ROLLS_RAD`, 0 to 1: (lines, rolls)."""
+def _lines_seen(still: StillDetection, lines: Sequence[float], rolls_rad: np.ndarray) -> np.ndarray:
+    """How much is seen of each of the `lines` along the lane if the camera is rolled: (lines, rolls), 0 to 1."""
     assert still.search and still.lane
     fit, lane, height_m = still.search.fit, still.lane, still.camera.require_pose().height_m
-    stripes = fit.stripes
-    along = fit.residuals.weights(np.full(len(stripes), np.inf))[0]
-    weight = stripes.weight * along * (~stripes.edge & (stripes.x_m < FAR_LINES_AHEAD_M))
+    along = fit.residuals.weights(np.full(len(fit.stripes), np.inf))[0]
+    weight = fit.stripes.weight * along * (~fit.stripes.edge & (fit.stripes.x_m < LINES_AHEAD_M))
     # lines of a straight road converge in one point of the image, and a roll turns them around it
-    turned = np.arctan(fit.residuals.coordinates.a[0] / height_m) + ROLLS_RAD[:, None]
-    position = np.tan(np.clip(turned, -1.5, 1.5))
-    lines = np.arctan((lane.model[CENTRE] + SIDES * lane.width_m / 2) / height_m)
-    left, right = np.tan(lines[:, None] + ROLLS_RAD)
-    from_middle = (position - ((left + right) / 2)[:, None]) / (left - right)[:, None]
-    shown = [(weight * np.exp(-0.5 * ((from_middle - k) / FAR_LINE_STD) ** 2)).sum(axis=1) for k in FAR_LINES]
-    return np.array(shown) / (np.array(shown) + HALF_SEEN)
+    turned = np.arctan(fit.residuals.coordinates.a[0] / height_m) + rolls_rad[:, None]
+    of_lane = np.arctan((lane.model[CENTRE] + SIDES * lane.width_m / 2) / height_m)
+    left, right = np.tan(of_lane[:, None] + rolls_rad)[..., None]
+    position = (np.tan(np.clip(turned, -1.5, 1.5)) - (left + right) / 2) / (left - right)
+    shown = np.array([np.exp(-0.5 * ((position - line) / LINE_STD) ** 2) @ weight for line in lines])
+    return shown / (shown + HALF_SEEN)
 
 
 def rival_std(values: np.ndarray, density: np.ndarray, chosen: float, apart: float) -> float:
@@ -131,8 +142,12 @@ def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
 
 
 class Rivals(NamedTuple):
-    """What other poses that the images allow contribute to the standard deviations; `height_m` is the most probable."""
+    """What other poses that the images allow contribute to the standard deviations.
 
+    `share` is the probability of other heights, `height_m` the most probable of these.
+    """
+
+    share: float
     log_height_std: float
     roll_std_rad: float
     height_m: float
@@ -149,10 +164,11 @@ def first_pose(
     """The pose that the lanes in the first images show together, and its rivals; their heights are tried."""
     pose = camera.require_pose()
     tried_m = pose.height_m * (np.ones(1) if height_m else TRIED_HEIGHTS)
-    found = [search_at_heights(image, camera, tried_m, settings, markings=markings) for image in images]
+    wide = replace(settings, half_width_m=FIRST_HALF_WIDTH_M)
+    found = [search_at_heights(image, camera, tried_m, wide, markings=markings) for image in images]
     shown = np.array([table([shown_by(still, lane_width_m) for still in stills]) for stills in found])
     confidence, log_heights = shown["confidence"], shown["log_height"]
-    density = vote_heights(1 / (1 - np.minimum(confidence, 0.999)) - 1, log_heights)
+    density = vote_heights(np.array([[_vote(still) for still in stills] for stills in found]), log_heights)
     log_height = float(LOG_HEIGHTS[density.argmax()])
     # of each image the most probable lane that shows this height
     fits = np.isfinite(log_heights) & ((np.abs(log_heights - log_height) < RIVAL_LOG_HEIGHT) | bool(height_m))
@@ -162,6 +178,7 @@ def first_pose(
     roll_rad = float(ROLLS_RAD[rolls.argmax()])
     rival = np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT
     rivals = Rivals(
+        float(density @ rival),
         rival_std(LOG_HEIGHTS, density, log_height, RIVAL_LOG_HEIGHT),
         rival_std(ROLLS_RAD, rolls, roll_rad, RIVAL_ROLL_RAD),
         float(np.exp(LOG_HEIGHTS[(density * rival).argmax()])),

@@ -12,7 +12,7 @@ import pytest
 from lanes.camera import Camera, CameraPose, camera_from_dict
 from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
-from lanes.pose import PoseEstimate, ensure_pose, estimate_pose
+from lanes.pose import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from tests.support.not_roads import not_a_road
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
@@ -117,6 +117,33 @@ class TestDrive:
         assert given.pose.height_m == 1.5
         assert given.height_std_m == 0
         assert given.lane_width_m == pytest.approx(3.66 * 1.5 / 1.35, abs=0.12)
+
+    @pytest.mark.parametrize(("height_m", "pitch_deg"), [(2.6, 4.0), (0.7, -1.0)], ids=["lorry", "cart"])
+    def test_two_lanes_are_not_taken_for_one_nor_half_a_lane_for_a_whole_one(self, height_m, pitch_deg):
+        camera = CAMERA.with_pose(CameraPose(height_m, np.radians(pitch_deg), np.radians(-1.0)))
+        estimate = estimate_pose(drive(camera, (0.0,) * 5), camera)
+        assert_near(estimate, camera.pose, pitch_deg=0.2, yaw_deg=0.6, roll_deg=0.4, height_m=0.1)
+        assert estimate.state == ESTIMATED and estimate.height_std_m < 0.15 * height_m
+
+    def test_a_height_that_two_images_do_not_decide_is_doubtful_and_so_are_its_lanes(self):
+        camera = CAMERA.with_pose(CameraPose(2.6, np.radians(4.0)))
+        images = drive(camera, (0.0,) * 2)
+        estimate = estimate_pose(images, camera)
+        assert estimate.state == DOUBTFUL and "pose is doubtful" in estimate.describe()
+        assert abs(estimate.pose.height_m - 2.6) < 2 * estimate.height_std_m
+        assert estimate.notes[0].startswith("the pictures allow a height of")
+        sure = replace(estimate, confidence_shift=0.0)
+        of_doubtful, of_sure = (detect_in_drive(images[0], estimate.camera, e)[0].lane for e in (estimate, sure))
+        assert of_doubtful.confidence < of_sure.confidence
+        given = estimate_pose(images, camera, height_m=2.6)
+        assert given.state == ESTIMATED and given.confidence_shift == 0.0
+
+    @pytest.mark.parametrize("roll_deg", [3.0, -3.0])
+    def test_a_camera_that_hangs_askew(self, roll_deg):
+        camera = CAMERA.with_pose(replace(TRUE_POSE, roll_rad=np.radians(roll_deg)))
+        estimate = estimate_pose(drive(camera, (0.0,) * 4), camera)
+        assert_near(estimate, camera.pose, pitch_deg=0.2, yaw_deg=0.7, roll_deg=0.5, height_m=0.05)
+        assert estimate.roll_std_rad < np.radians(1.5)
 
     def test_errors_stay_within_three_standard_deviations(self):
         rng = np.random.default_rng(8)
