@@ -1,11 +1,13 @@
 """Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lanes that they show.
 
-The edges along the road give a first pitch and yaw (`lanes.vanishing_point`). With poses near it the lane is looked for
-in each image (`lanes.stills`). Lines that are parallel on the road give the pitch of the image. Their direction gives
-the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width gives the height. Lanes
-of equal width that look narrower on one side give the roll. The pose is the median over the images.
+The edges along the road give a first pitch and yaw (`lanes.vanishing_point`). The lanes in some images, searched at
+several heights, vote for height and roll (`lanes.pose_votes`). Then the lane is looked for in each image
+(`lanes.stills`). Lines that are parallel on the road give the pitch of the image. Their direction gives the yaw,
+because the heading of a car in its lane averages to zero over a drive. The lane width gives the height. Lanes of equal
+width that look narrower on one side give the roll. The pose is the median over the images.
 
-No drive is refused: where few images show a lane, the pose is doubtful, and the confidence of its lanes says the rest.
+No drive is refused: where few images show a lane, or the images allow another height, the pose is doubtful, and where
+none does, it is assumed. The confidence of its lanes says the rest.
 """
 
 from __future__ import annotations
@@ -35,6 +37,7 @@ from lanes.pose_votes import (
     first_pose,
     median_pose,
     shown_by,
+    std_of_median,
     table,
     weighted_median,
 )
@@ -384,55 +387,47 @@ def _summarise(
     pose, total = camera.require_pose(), len(shown)
     used = int(np.isfinite(shown["log_height"]).sum())
     width_std_m = EDGE_LANE_WIDTH_STD_M if 2 * np.nansum(shown["edge"]) > used else LANE_WIDTH_STD_M
-    of_lanes = _std_of_median(shown["log_height"], LANE_WIDTH_SCATTER)
+    of_lanes = std_of_median(shown["log_height"], LANE_WIDTH_SCATTER)
     log_std = float(np.linalg.norm([of_lanes, width_std_m / lane_width_m, rivals.log_height_std]))
     few, undecided = used < max(1, MIN_LIKELY_SHARE * total), not height_m and log_std > PRIOR_HEIGHT_LOG_STD
     width_ratio = 1.0  # of the lanes to the given width, which is not used if the height is given
     if height_m:
         shown_log = weighted_median(shown["log_height"], shown["confidence"], np.log(height_m))
         width_ratio = height_m / float(np.exp(shown_log))
-    notes = []
-    if few:
-        notes.append(
-            f"only {used} of {total} pictures show a likely lane between two lines with this pose; give pictures of a "
-            "marked road by day, with the lines of the ego lane in view"
-        )
-    elif undecided:
-        notes.append(
-            f"the pictures allow a height of {rivals.height_m:.1f} m, too, at which other lines are those of the ego "
-            "lane; give the height"
-        )
-    if not np.isfinite(shown["roll_rad"]).any():
-        notes.append("no line beyond the ego lane is visible well enough to determine the roll; it is set to 0")
-    if used < 5:
-        notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
     doubtful = few or undecided
     log_std = max(log_std, PRIOR_HEIGHT_LOG_STD) if doubtful else log_std
-    pitch_std_rad, yaw_std_rad = AHEAD[0][1], AHEAD[1][1]
+    (_, pitch_std_rad), (_, yaw_std_rad) = AHEAD
     if used:
-        pitch_std_rad = _std_of_median(shown["pitch_rad"], PITCH_MOTION_STD_RAD)
-        yaw_std_rad = _std_of_median(shown["yaw_rad"], HEADING_STD_RAD)
+        pitch_std_rad = std_of_median(shown["pitch_rad"], PITCH_MOTION_STD_RAD)
+        yaw_std_rad = std_of_median(shown["yaw_rad"], HEADING_STD_RAD)
+    roll_known = bool(pose.roll_rad or np.isfinite(shown["roll_rad"]).any())
     return PoseEstimate(
         camera=camera,
         height_std_m=0.0 if height_m else log_std * pose.height_m,
         pitch_std_rad=pitch_std_rad,
         yaw_std_rad=yaw_std_rad,
-        roll_std_rad=float(np.hypot(_std_of_median(shown["roll_rad"], PRIOR_ROLL_STD_RAD), rivals.roll_std_rad)),
+        roll_std_rad=float(np.hypot(std_of_median(shown["roll_rad"], PRIOR_ROLL_STD_RAD), rivals.roll_std_rad)),
         frames_used=used,
         frames_total=total,
         lane_width_m=None if doubtful else lane_width_m * width_ratio,
-        notes=tuple(notes),
+        notes=tuple(_notes(used, total, few, rivals.height_m if undecided else None, roll_known)),
         confidence_shift=0.0 if height_m else rivals.share * WEIGHTS["other lanes"],
     )
 
 
-def _std_of_median(values: np.ndarray, motion_std: float) -> float:
-    """Standard deviation of the median of values (N,); `motion_std` is the prior scatter of one image."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return motion_std
-    # The scatter of few values is uncertain, so the prior counts like two more values.
-    scatter = 1.4826 * np.median(np.abs(known - np.median(known)))
-    variance = (len(known) * scatter**2 + 2 * motion_std**2) / (len(known) + 2)
-    # The median of n normal values has the variance pi / 2n.
-    return float(np.sqrt(np.pi / 2 * variance / len(known)))
+def _notes(used: int, total: int, few: bool, rival_height_m: float | None, roll_known: bool) -> Iterator[str]:
+    """What the images do not determine, most important first."""
+    if few:
+        yield (
+            f"only {used} of {total} pictures show a likely lane between two lines with this pose; give pictures of a "
+            "marked road by day, with the lines of the ego lane in view"
+        )
+    elif rival_height_m:
+        yield (
+            f"the pictures allow a height of {rival_height_m:.1f} m, too, at which other lines are those of the ego "
+            "lane; give the height"
+        )
+    if not roll_known:
+        yield "no line beyond the ego lane is visible well enough to determine the roll; it is set to 0"
+    if used < 5:
+        yield "the yaw contains the car's heading in its lane, which averages to zero only over many pictures"

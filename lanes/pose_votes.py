@@ -205,3 +205,15 @@ def weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> fl
     order = np.argsort(values)
     total = np.cumsum(weights[order])
     return float(values[order][np.searchsorted(total, total[-1] / 2)])
+
+
+def std_of_median(values: np.ndarray, motion_std: float) -> float:
+    """Standard deviation of the median of values (N,); `motion_std` is the prior scatter of one image."""
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return motion_std
+    # The scatter of few values is uncertain, so the prior counts like two more values.
+    scatter = 1.4826 * np.median(np.abs(known - np.median(known)))
+    variance = (len(known) * scatter**2 + 2 * motion_std**2) / (len(known) + 2)
+    # The median of n normal values has the variance pi / 2n.
+    return float(np.sqrt(np.pi / 2 * variance / len(known)))
