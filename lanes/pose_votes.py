@@ -176,6 +176,8 @@ def first_pose(
     used = [k for k in range(len(images)) if fits[k, best[k]]]
     rolls = vote_rolls([found[k][best[k]] for k in used])
     roll_rad = float(ROLLS_RAD[rolls.argmax()])
+    if abs(roll_rad) <= RIVAL_ROLL_RAD:
+        roll_rad = 0.0  # the fit of the adjacent lanes finds it, with less noise
     rival = np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT
     rivals = Rivals(
         float(density @ rival),
