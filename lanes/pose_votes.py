@@ -72,7 +72,7 @@ def _vote(still: StillDetection) -> float:
 
 
 def vote_rolls(stills: Sequence[StillDetection]) -> np.ndarray:
-    """Density over `ROLLS_RAD`, relative to the roll of the poses that the lanes of the images were found with."""
+    """Density over `ROLLS_RAD`; the lanes of the images were found with poses without a roll."""
     log_density = -np.log1p((ROLLS_RAD / PRIOR_ROLL_STD_RAD) ** 2)
     if stills:
         seen = np.mean([_lines_seen(still, FAR_LINES, ROLLS_RAD) for still in stills], axis=0)
@@ -175,19 +175,18 @@ def first_pose(
     best = np.where(fits, confidence, -1).argmax(axis=1)
     used = [k for k in range(len(images)) if fits[k, best[k]]]
     rolls = vote_rolls([found[k][best[k]] for k in used])
-    roll_rad = float(ROLLS_RAD[rolls.argmax()])
-    if abs(roll_rad) <= RIVAL_ROLL_RAD:
-        roll_rad = 0.0  # the fit of the adjacent lanes finds it, with less noise
+    turned_rad = float(ROLLS_RAD[rolls.argmax()])
     rival = np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT
     rivals = Rivals(
         float(density @ rival),
         rival_std(LOG_HEIGHTS, density, log_height, RIVAL_LOG_HEIGHT),
-        rival_std(ROLLS_RAD, rolls, roll_rad, RIVAL_ROLL_RAD),
+        rival_std(ROLLS_RAD, rolls, turned_rad, RIVAL_ROLL_RAD),
         float(np.exp(LOG_HEIGHTS[(density * rival).argmax()])),
     )
     start = replace(pose, height_m=height_m or float(np.exp(log_height)))
     median = median_pose(shown[used, best[used]], start, height_m)
-    return replace(median, roll_rad=pose.roll_rad + roll_rad), rivals
+    # a small roll is found by the fit of the adjacent lanes, with less noise
+    return replace(median, roll_rad=turned_rad) if abs(turned_rad) > RIVAL_ROLL_RAD else median, rivals
 
 
 def median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
