@@ -142,7 +142,7 @@ def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
 
 
 class Rivals(NamedTuple):
-    """What other poses that the images allow contribute to the standard deviations.
+    """What other heights and rolls that the images allow contribute to the standard deviations.
 
     `share` is the probability of other heights, `height_m` the most probable of these.
     """
@@ -161,32 +161,32 @@ def first_pose(
     markings: Markings | None,
     settings: DetectorSettings,
 ) -> tuple[CameraPose, Rivals]:
-    """The pose that the lanes in the first images show together, and its rivals; their heights are tried."""
-    pose = camera.require_pose()
+    """The pose that the lanes in the first images show together, from that of the camera, and its rivals."""
+    pose, wide = camera.require_pose(), replace(settings, half_width_m=FIRST_HALF_WIDTH_M)
     tried_m = pose.height_m * (np.ones(1) if height_m else TRIED_HEIGHTS)
-    wide = replace(settings, half_width_m=FIRST_HALF_WIDTH_M)
     found = [search_at_heights(image, camera, tried_m, wide, markings=markings) for image in images]
     shown = np.array([table([shown_by(still, lane_width_m) for still in stills]) for stills in found])
-    confidence, log_heights = shown["confidence"], shown["log_height"]
-    density = vote_heights(np.array([[_vote(still) for still in stills] for stills in found]), log_heights)
-    log_height = float(LOG_HEIGHTS[density.argmax()])
+    heights = vote_heights(np.array([[_vote(still) for still in stills] for stills in found]), shown["log_height"])
+    log_height = float(LOG_HEIGHTS[heights.argmax()])
     # of each image the most probable lane that shows this height
-    fits = np.isfinite(log_heights) & ((np.abs(log_heights - log_height) < RIVAL_LOG_HEIGHT) | bool(height_m))
-    best = np.where(fits, confidence, -1).argmax(axis=1)
-    used = [k for k in range(len(images)) if fits[k, best[k]]]
-    rolls = vote_rolls([found[k][best[k]] for k in used])
-    turned_rad = float(ROLLS_RAD[rolls.argmax()])
-    rival = np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT
-    rivals = Rivals(
-        float(density @ rival),
-        rival_std(LOG_HEIGHTS, density, log_height, RIVAL_LOG_HEIGHT),
-        rival_std(ROLLS_RAD, rolls, turned_rad, RIVAL_ROLL_RAD),
-        float(np.exp(LOG_HEIGHTS[(density * rival).argmax()])),
-    )
+    near = bool(height_m) | (np.abs(shown["log_height"] - log_height) < RIVAL_LOG_HEIGHT)
+    confidence = np.where(near, shown["confidence"], 0.0)
+    best = [(k, int(row.argmax())) for k, row in enumerate(confidence) if row.any()]
+    rolls = vote_rolls([found[image][height] for image, height in best])
+    roll_rad = float(ROLLS_RAD[rolls.argmax()])
     start = replace(pose, height_m=height_m or float(np.exp(log_height)))
-    median = median_pose(shown[used, best[used]], start, height_m)
+    median = median_pose(np.array([shown[k] for k in best], shown.dtype), start, height_m)
     # a small roll is found by the fit of the adjacent lanes, with less noise
-    return replace(median, roll_rad=turned_rad) if abs(turned_rad) > RIVAL_ROLL_RAD else median, rivals
+    turned = replace(median, roll_rad=roll_rad) if abs(roll_rad) > RIVAL_ROLL_RAD else median
+    return turned, _find_rivals(heights, log_height, rolls, roll_rad)
+
+
+def _find_rivals(heights: np.ndarray, log_height: float, rolls: np.ndarray, roll_rad: float) -> Rivals:
+    """The rivals of a height and a roll, from the densities over `LOG_HEIGHTS` and `ROLLS_RAD`."""
+    others = heights * (np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT)
+    log_height_std = rival_std(LOG_HEIGHTS, heights, log_height, RIVAL_LOG_HEIGHT)
+    roll_std_rad = rival_std(ROLLS_RAD, rolls, roll_rad, RIVAL_ROLL_RAD)
+    return Rivals(float(others.sum()), log_height_std, roll_std_rad, float(np.exp(LOG_HEIGHTS[others.argmax()])))
 
 
 def median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
