@@ -28,7 +28,7 @@ from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
-from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
+from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from lanes.report.page import Telemetry, describe_confidence, seconds_lost, share_tracked, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
 from lanes.stills import StillDetection
@@ -277,7 +277,9 @@ def make_tracker(
             return estimate_pose(image, camera, height_m=height_m, markings=markings, settings=detector).still
         return None
 
-    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, markings=markings, settings=settings)
+    shift = pose.confidence_shift if pose else 0.0
+    options: dict[str, Any] = {"markings": markings, "settings": settings, "confidence_shift": shift}
+    return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, **options)
 
 
 def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
@@ -391,7 +393,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
                 lines.append(f"{still.path}: {found}; {still.pose.summary_line()}{settings.describe_lens(still.path)}")
     if pose:
         lines.append(pose.describe())
-        if pose.frames_used < pose.frames_total / 2:
+        if pose.state != ESTIMATED:
             lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
     telemetry = table.columns()
     found = np.sum(telemetry["state"] != LOST)

@@ -32,7 +32,7 @@ from lanes.files import MESSAGES_SUFFIX, require_no_input_among
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
-from lanes.pose import LANE_WIDTH_M, POSE_PICTURES, estimate_pose
+from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
 from lanes.sources import Sources, find_sources, sample_images
@@ -278,7 +278,7 @@ class Explain:
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
-            still, pose_doubt = estimate.still, estimate.notes[0] if estimate.lane_width_m is None else ""
+            still, pose_doubt = estimate.still, "" if estimate.state == ESTIMATED else estimate.notes[0]
         if info:
             tracker = make_tracker(info.fps, camera, estimate, markings)
             until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S

@@ -1,11 +1,13 @@
 """Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lanes that they show.
 
-The edges along the road give a first pitch and yaw (`lanes.vanishing_point`). With poses near it the lane is looked for
-in each image (`lanes.stills`). Lines that are parallel on the road give the pitch of the image. Their direction gives
-the yaw, because the heading of a car in its lane averages to zero over a drive. The lane width gives the height. Lanes
-of equal width that look narrower on one side give the roll. The pose is the median over the images.
+The edges along the road give a first pitch and yaw (`lanes.vanishing_point`). The lanes in some images, searched at
+several heights, vote for height and roll (`lanes.pose_votes`). Then the lane is looked for in each image
+(`lanes.stills`). Lines that are parallel on the road give the pitch of the image. Their direction gives the yaw,
+because the heading of a car in its lane averages to zero over a drive. The lane width gives the height. Lanes of equal
+width that look narrower on one side give the roll. The pose is the median over the images.
 
-No drive is refused: where few images show a lane, the pose is doubtful, and the confidence of its lanes says the rest.
+No drive is refused: where few images show a lane, or the images allow another height, the pose is doubtful, and where
+none does, it is assumed. The confidence of its lanes says the rest.
 """
 
 from __future__ import annotations
@@ -22,11 +24,23 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
-from lanes.detect.road import ADJACENT
 from lanes.detect.search import DETECTOR, DetectorSettings
 from lanes.errors import CameraError, PoseError
+from lanes.pose_votes import (
+    PRIOR_HEIGHT_LOG_STD,
+    PRIOR_HEIGHT_M,
+    PRIOR_ROLL_STD_RAD,
+    Rivals,
+    Shown,
+    first_pose,
+    median_pose,
+    shown_by,
+    std_of_median,
+    table,
+    weighted_median,
+)
 from lanes.sources import find_sources, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
@@ -34,10 +48,6 @@ from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation. The second one is that of lanes that end at the edge of a road.
 LANE_WIDTH_M, LANE_WIDTH_STD_M, EDGE_LANE_WIDTH_STD_M = 3.66, 0.10, 0.7
-# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars, up to 2.5 m in vans and lorries.
-PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
-# Prior of the roll: cameras are installed level by eye, within about a degree.
-PRIOR_ROLL_STD_RAD = np.radians(1.0)
 # Standard deviation, in one image, of the pitch motion of the car, of its heading in the lane, and of the lane width of
 # one road relative to its mean.
 PITCH_MOTION_STD_RAD, HEADING_STD_RAD, LANE_WIDTH_SCATTER = np.radians(0.3), np.radians(1.0), 0.04
@@ -46,14 +56,16 @@ PITCH_MOTION_STD_RAD, HEADING_STD_RAD, LANE_WIDTH_SCATTER = np.radians(0.3), np.
 FIRST_IMAGES = 8
 # Share of the images with a likely lane, below which the pose is doubtful.
 MIN_LIKELY_SHARE = 0.25
-# Weight of the pose that the images were searched with; that of a lane is its confidence.
-START_WEIGHT = 0.5
 # Images are resized to this width: the pixel limits of `lanes.vanishing_point` are for it, and more pixels do not show
 # more stripes.
 WORKING_WIDTH_PX = 1280
 
 # Images taken from the files of a drive; more did not improve the estimate.
 POSE_PICTURES = 24
+
+# States of a pose: most of its numbers come from lanes in the images; from lanes in few of them, or at a height that
+# they do not decide; from the edges in the images or from nothing, with the standard deviations of any camera.
+ESTIMATED, DOUBTFUL, ASSUMED = "estimated", "doubtful", "assumed"
 
 Progress = Callable[[int, int], None]
 
@@ -64,9 +76,10 @@ class PoseEstimate:
 
     `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with a likely lane
     between two lines.
-    `lane_width_m` determines the height, or follows from a given height; it is None if the pose is doubtful, because
-    too few images show a likely lane. `notes` name what the images do not determine. If the pose was estimated from a
-    single image, `still` is what was found in it, and the pose is that of its lane.
+    `lane_width_m` determines the height, or follows from a given height; it is None if the pose is doubtful. `notes`
+    name what the images do not determine. If the pose was estimated from a single image, `still` is what was found in
+    it, and the pose is that of its lane. `confidence_shift` is added to the log odds of lanes that are found with the
+    pose: the images allow other heights, too.
     """
 
     camera: Camera
@@ -79,11 +92,19 @@ class PoseEstimate:
     lane_width_m: float | None
     notes: tuple[str, ...] = ()
     still: StillDetection | None = None
+    confidence_shift: float = 0.0
 
     @property
     def pose(self) -> CameraPose:
         """The estimated pose."""
         return self.camera.require_pose()
+
+    @property
+    def state(self) -> str:
+        """`ESTIMATED`, `DOUBTFUL` or `ASSUMED`."""
+        if not self.frames_used:
+            return ASSUMED
+        return DOUBTFUL if self.lane_width_m is None else ESTIMATED
 
     @property
     def given_height_m(self) -> float | None:
@@ -93,6 +114,7 @@ class PoseEstimate:
     def summary(self) -> dict[str, str]:
         """Each number with its standard deviation and its sign in words, by name."""
         pose, source = self.pose, "assumed" if self.height_std_m else "given"
+        doubt = "" if self.state == ESTIMATED else f", the pose is {self.state}"
         if self.lane_width_m is not None:
             source = f"lane {self.lane_width_m:.2f} m wide"
         return {
@@ -100,7 +122,7 @@ class PoseEstimate:
             "pitch": _describe_angle(pose.pitch_rad, self.pitch_std_rad, "looks down", "looks up"),
             "yaw": _describe_angle(pose.yaw_rad, self.yaw_std_rad, "looks left", "looks right"),
             "roll": _describe_angle(pose.roll_rad, self.roll_std_rad, "right side down", "left side down"),
-            "pictures": f"{self.frames_used} of {self.frames_total} used",
+            "pictures": f"{self.frames_used} of {self.frames_total} used{doubt}",
         }
 
     def describe(self) -> str:
@@ -115,17 +137,22 @@ class PoseEstimate:
     def describe_accuracy(self) -> str:
         """One sentence with the expected accuracy of offset, lane width, distances and curvature.
 
-        The centimetres are the 95th percentile of the offset error on the rendered drive: with its calibrated lens, and
-        without distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
+        The centimetres are at least the 95th percentile of the offset error on the rendered drive: with its calibrated
+        lens, and without distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
         """
-        height_share = self.height_std_m / self.pose.height_m
-        why = "the height is assumed" if self.lane_width_m is None else "lanes may be wider or narrower"
-        width = f" and {height_share:.0%} ({why})" if height_share else ""
+        height_m = self.pose.height_m
+        # two standard deviations of the roll, which moves lines 1.8 m beside the camera
+        by_roll_cm = 200 * self.roll_std_rad * (height_m + 1.8**2 / height_m)
+        why = "lanes may be wider or narrower" if self.state == ESTIMATED else "the height is assumed"
+        width = f" and {self.height_std_m / height_m:.0%} ({why})" if self.height_std_m else ""
+        good = (
+            f"expect offset and lane width to be good to {max(1 if self.camera.calibrated else 3, by_roll_cm):.0f} cm"
+        )
         if self.camera.calibrated:
-            return f"expect offset and lane width to be good to 1 cm{width}, distances and curvature likewise"
+            return f"{good}{width}, distances and curvature likewise"
         return (
-            f"expect offset and lane width to be good to 3 cm{width}; distances ahead to be off as much as the focal "
-            "length, which was not calibrated, and curvature twice as much"
+            f"{good}{width}; distances ahead to be off as much as the focal length, which was not calibrated, and "
+            "curvature twice as much"
         )
 
     def __repr__(self) -> str:
@@ -216,19 +243,23 @@ def estimate_pose(
     estimate = estimate_from(edges)
     if 2 * estimate.frames_used < estimate.frames_total:
         # in a wood or a city the edges may run elsewhere; most cameras look ahead
-        estimate = max(estimate, estimate_from(AHEAD), key=attrgetter("frames_used"))
+        tried = [estimate, estimate_from(AHEAD)]
+        if not alone and sum((angle / std) ** 2 for (angle, _), (_, std) in zip(edges, AHEAD, strict=True)) > 1:
+            tried.reverse()  # without lanes, edges that run far from ahead are more likely those of something else
+        estimate = max(tried, key=attrgetter("frames_used"))
     return estimate if alone else replace(estimate, camera=camera.with_pose(estimate.pose))
 
 
 def _pose_from_still(still: StillDetection, log_std: float, direction: Direction) -> PoseEstimate:
     """The pose of the most probable lane in a single image, which was searched from poses near a `direction`."""
+    used = int(still.confidence >= LIKELY_CONFIDENCE)
     return PoseEstimate(
         camera=still.camera,
         height_std_m=log_std * still.camera.require_pose().height_m,
-        pitch_std_rad=direction[0][1],
-        yaw_std_rad=direction[1][1],
+        pitch_std_rad=(direction if used else AHEAD)[0][1],
+        yaw_std_rad=(direction if used else AHEAD)[1][1],
         roll_std_rad=PRIOR_ROLL_STD_RAD,
-        frames_used=int(still.confidence >= LIKELY_CONFIDENCE),
+        frames_used=used,
         frames_total=1,
         lane_width_m=None,
         notes=("height and roll are assumed, and the yaw contains the car's heading in its lane",),
@@ -278,7 +309,10 @@ def detect_in_drive(
     if drive.still:
         return drive.still, drive
     found = detect_still(image, camera, settings, markings=markings)
-    if found.confidence < SURE_CONFIDENCE or drive.lane_width_m is None:
+    if found.lane:
+        shift = found.lane.confidence_shift + drive.confidence_shift
+        found = replace(found, lane=replace(found.lane, confidence_shift=shift))
+    if found.confidence < SURE_CONFIDENCE or drive.state != ESTIMATED:
         with suppress(CameraError):
             options: dict[str, Any] = {"height_m": drive.given_height_m, "markings": markings}
             own = estimate_pose(image, camera, settings=settings, **options)
@@ -324,10 +358,6 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     return resized, resized_camera
 
 
-# What a lane in one image says about the camera pose, by column.
-CONFIDENCE, LOG_HEIGHT, PITCH_RAD, YAW_RAD, ROLL_RAD, EDGE = range(6)
-
-
 def _pose_from_lanes(
     images: list[np.ndarray],
     camera: Camera,
@@ -338,100 +368,66 @@ def _pose_from_lanes(
     settings: DetectorSettings,
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
-    log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
-    first = _first_images(images)
-    shown = [
-        _shown_by(detect_with_own_pose(image, camera, log_std, markings, settings), lane_width_m) for image in first
-    ]
+    pose, rivals = first_pose(_first_images(images), camera, lane_width_m, height_m, markings, settings)
+    shown: list[Shown] = []
     for last in (False, True):
-        camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
+        camera = camera.with_pose(median_pose(table(shown), pose, height_m) if last else pose)
         shown = []
         for done, image in enumerate(images, 1):
-            shown.append(_shown_by(detect_still(image, camera, settings, markings=markings), lane_width_m))
+            shown.append(shown_by(detect_still(image, camera, settings, markings=markings), lane_width_m))
             if last and progress:
                 progress(done, len(images))
-    return _summarise(np.array(shown), camera, lane_width_m, height_m)
+    return _summarise(table(shown), camera, rivals, lane_width_m, height_m)
 
 
-def _shown_by(still: StillDetection, lane_width_m: float) -> list[float]:
-    """The six numbers that a lane says; NaN for what it does not say, which is all if it is unlikely or has one line.
-
-    A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
-    each by the share 2 r W / H, for lanes of width W and the camera height H.
-    """
-    lane, pose = still.lane, still.camera.require_pose()
-    if lane is None or lane.confidence < LIKELY_CONFIDENCE or not (lane.left.seen and lane.right.seen):
-        return [0.0] + [np.nan] * 5
-    log_height, roll_rad = float(np.log(pose.height_m * lane_width_m / lane.width_m)), np.nan
-    if any(lane.far_evidence):
-        left_m, right_m = lane.model[ADJACENT]
-        roll_rad = pose.roll_rad + float(right_m - left_m) * pose.height_m / (4 * lane.width_m**2)
-    pitch_rad, yaw_rad = pose.pitch_rad + lane.pitch_rad, pose.yaw_rad - lane.heading_rad
-    return [lane.confidence, log_height, pitch_rad, yaw_rad, roll_rad, lane.left.edge or lane.right.edge]
-
-
-def _median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
-    """The pose whose numbers are the medians of those `shown` (images, 6), weighted by confidence."""
-    start = np.log(pose.height_m), pose.pitch_rad, pose.yaw_rad, pose.roll_rad
-    log_height, pitch_rad, yaw_rad, roll_rad = (
-        _weighted_median(values, shown[:, CONFIDENCE], before)
-        for values, before in zip(shown[:, LOG_HEIGHT:EDGE].T, start, strict=True)
-    )
-    return CameraPose(height_m or float(np.exp(log_height)), pitch_rad, yaw_rad, roll_rad)
-
-
-def _weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> float:
-    """Median of the start and of the values (N,) that are not NaN."""
-    known = np.isfinite(values)
-    values, weights = np.append(values[known], start), np.append(weights[known], START_WEIGHT)
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
-
-
-def _summarise(shown: np.ndarray, camera: Camera, lane_width_m: float, height_m: float | None) -> PoseEstimate:
-    """The estimate from what the lanes of the last pass have `shown` (images, 6), with standard deviations."""
+def _summarise(
+    shown: np.ndarray, camera: Camera, rivals: Rivals, lane_width_m: float, height_m: float | None
+) -> PoseEstimate:
+    """The estimate from what the lanes of the last pass have `shown` (images,), with standard deviations."""
     pose, total = camera.require_pose(), len(shown)
-    used = int(np.isfinite(shown[:, LOG_HEIGHT]).sum())
-    doubtful = used < max(1, MIN_LIKELY_SHARE * total)
-    log_std = _std_of_median(shown[:, LOG_HEIGHT], LANE_WIDTH_SCATTER)
-    width_std_m = EDGE_LANE_WIDTH_STD_M if 2 * np.nansum(shown[:, EDGE]) > used else LANE_WIDTH_STD_M
-    log_std = PRIOR_HEIGHT_LOG_STD if doubtful else float(np.hypot(log_std, width_std_m / lane_width_m))
+    used = int(np.isfinite(shown["log_height"]).sum())
+    width_std_m = EDGE_LANE_WIDTH_STD_M if 2 * np.nansum(shown["edge"]) > used else LANE_WIDTH_STD_M
+    of_lanes = std_of_median(shown["log_height"], LANE_WIDTH_SCATTER)
+    log_std = float(np.linalg.norm([of_lanes, width_std_m / lane_width_m, rivals.log_height_std]))
+    few, undecided = used < max(1, MIN_LIKELY_SHARE * total), not height_m and log_std > PRIOR_HEIGHT_LOG_STD
     width_ratio = 1.0  # of the lanes to the given width, which is not used if the height is given
     if height_m:
-        shown_log = _weighted_median(shown[:, LOG_HEIGHT], shown[:, CONFIDENCE], np.log(height_m))
+        shown_log = weighted_median(shown["log_height"], shown["confidence"], np.log(height_m))
         width_ratio = height_m / float(np.exp(shown_log))
-    rolls = int(np.isfinite(shown[:, ROLL_RAD]).sum())
-    notes = []
-    if doubtful:
-        notes.append(
-            f"only {used} of {total} pictures show a likely lane between two lines with this pose; give pictures of a "
-            "marked road by day, with the lines of the ego lane in view"
-        )
-    if not rolls:
-        notes.append("no line beyond the ego lane is visible well enough to determine the roll; it is set to 0")
-    if used < 5:
-        notes.append("the yaw contains the car's heading in its lane, which averages to zero only over many pictures")
+    doubtful = few or undecided
+    log_std = max(log_std, PRIOR_HEIGHT_LOG_STD) if doubtful else log_std
+    (_, pitch_std_rad), (_, yaw_std_rad) = AHEAD
+    if used:
+        pitch_std_rad = std_of_median(shown["pitch_rad"], PITCH_MOTION_STD_RAD)
+        yaw_std_rad = std_of_median(shown["yaw_rad"], HEADING_STD_RAD)
+    roll_known = bool(pose.roll_rad or np.isfinite(shown["roll_rad"]).any())
     return PoseEstimate(
         camera=camera,
         height_std_m=0.0 if height_m else log_std * pose.height_m,
-        pitch_std_rad=_std_of_median(shown[:, PITCH_RAD], PITCH_MOTION_STD_RAD),
-        yaw_std_rad=_std_of_median(shown[:, YAW_RAD], HEADING_STD_RAD),
-        roll_std_rad=_std_of_median(shown[:, ROLL_RAD], PRIOR_ROLL_STD_RAD),
+        pitch_std_rad=pitch_std_rad,
+        yaw_std_rad=yaw_std_rad,
+        roll_std_rad=float(np.hypot(std_of_median(shown["roll_rad"], PRIOR_ROLL_STD_RAD), rivals.roll_std_rad)),
         frames_used=used,
         frames_total=total,
         lane_width_m=None if doubtful else lane_width_m * width_ratio,
-        notes=tuple(notes),
+        notes=tuple(_notes(used, total, few, rivals.height_m if undecided else None, roll_known)),
+        confidence_shift=0.0 if height_m else rivals.share * WEIGHTS["other lanes"],
     )
 
 
-def _std_of_median(values: np.ndarray, motion_std: float) -> float:
-    """Standard deviation of the median of values (N,); `motion_std` is the prior scatter of one image."""
-    known = values[np.isfinite(values)]
-    if not len(known):
-        return motion_std
-    # The scatter of few values is uncertain, so the prior counts like two more values.
-    scatter = 1.4826 * np.median(np.abs(known - np.median(known)))
-    variance = (len(known) * scatter**2 + 2 * motion_std**2) / (len(known) + 2)
-    # The median of n normal values has the variance pi / 2n.
-    return float(np.sqrt(np.pi / 2 * variance / len(known)))
+def _notes(used: int, total: int, few: bool, rival_height_m: float | None, roll_known: bool) -> Iterator[str]:
+    """What the images do not determine, most important first."""
+    if few:
+        yield (
+            f"only {used} of {total} pictures show a likely lane between two lines with this pose; give pictures of a "
+            "marked road by day, with the lines of the ego lane in view"
+        )
+    elif rival_height_m:
+        yield (
+            f"the pictures allow a height of {rival_height_m:.1f} m, too, at which other lines are those of the ego "
+            "lane; give the height"
+        )
+    if not roll_known:
+        yield "no line beyond the ego lane is visible well enough to determine the roll; it is set to 0"
+    if used < 5:
+        yield "the yaw contains the car's heading in its lane, which averages to zero only over many pictures"

@@ -84,6 +84,24 @@ def detect_still(
     return _search(find_evidence(image, _view_of(camera, settings), settings.paint, mask=mask), settings)
 
 
+def search_at_heights(
+    image: np.ndarray,
+    camera: Camera,
+    heights_m: np.ndarray,
+    settings: DetectorSettings = DETECTOR,
+    *,
+    markings: Markings | None = None,
+) -> list[StillDetection]:
+    """What is found in a single image for each height of the camera; the evidence is found once, with its own pose.
+
+    The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
+    """
+    mask = find_mask(camera.require_size(image), markings)
+    evidence = find_evidence(image, _new_view(camera, settings), settings.paint, mask=mask)
+    found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
+    return [replace(f, lane=replace(f.lane, same_lane_share=1.0)) if f.lane else f for f in found]
+
+
 def detect_with_own_pose(
     image: np.ndarray,
     camera: Camera,
@@ -101,13 +119,11 @@ def detect_with_own_pose(
     The pose of `camera` is the estimate; it is kept if no height shows a lane. `height_log_std` is the standard
     deviation of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
     """
-    mask, pose = find_mask(camera.require_size(image), markings), camera.require_pose()
-    evidence = find_evidence(image, _new_view(camera, settings), settings.paint, mask=mask)
     steps = np.array(settings.tried_heights if height_log_std else (0.0,))
-    log_prior, heights_m = -0.5 * steps**2, pose.height_m * np.exp(steps * height_log_std)
-    found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
+    log_prior, factors = -0.5 * steps**2, np.exp(steps * height_log_std)
+    found = search_at_heights(image, camera, camera.require_pose().height_m * factors, settings, markings=markings)
     shown = [k for k, detection in enumerate(found) if detection.lane]
-    lanes = [replace(detection.lane, same_lane_share=1.0) for detection in found if detection.lane]
+    lanes = [detection.lane for detection in found if detection.lane]
     if not shown:
         return found[0]
     log_posterior = log_prior[shown] + [log_odds(lane) for lane in lanes]

@@ -12,7 +12,8 @@ import pytest
 from lanes.camera import Camera, CameraPose, camera_from_dict
 from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
-from lanes.pose import PoseEstimate, ensure_pose, estimate_pose
+from lanes.pose import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
+from lanes.pose_votes import LOG_HEIGHTS, rival_std, vote_heights
 from tests.support.not_roads import not_a_road
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
@@ -117,6 +118,33 @@ class TestDrive:
         assert given.pose.height_m == 1.5
         assert given.height_std_m == 0
         assert given.lane_width_m == pytest.approx(3.66 * 1.5 / 1.35, abs=0.12)
+
+    @pytest.mark.parametrize(("height_m", "pitch_deg"), [(2.6, 4.0), (0.7, -1.0)], ids=["lorry", "cart"])
+    def test_two_lanes_are_not_taken_for_one_nor_half_a_lane_for_a_whole_one(self, height_m, pitch_deg):
+        camera = CAMERA.with_pose(CameraPose(height_m, np.radians(pitch_deg), np.radians(-1.0)))
+        estimate = estimate_pose(drive(camera, (0.0,) * 4), camera)
+        assert_near(estimate, camera.pose, pitch_deg=0.2, yaw_deg=0.6, roll_deg=0.4, height_m=0.1)
+        assert estimate.state == ESTIMATED and estimate.height_std_m < 0.2 * height_m
+
+    def test_a_height_that_two_images_do_not_decide_is_doubtful_and_so_are_its_lanes(self):
+        camera = CAMERA.with_pose(CameraPose(2.6, np.radians(4.0)))
+        images = drive(camera, (0.0,) * 2)
+        estimate = estimate_pose(images, camera)
+        assert estimate.state == DOUBTFUL and "pose is doubtful" in estimate.describe()
+        assert abs(estimate.pose.height_m - 2.6) < 2 * estimate.height_std_m
+        assert estimate.notes[0].startswith("the pictures allow a height of")
+        sure = replace(estimate, confidence_shift=0.0)
+        of_doubtful, of_sure = (detect_in_drive(images[0], estimate.camera, e)[0].lane for e in (estimate, sure))
+        assert of_doubtful.confidence < of_sure.confidence
+        given = estimate_pose(images, camera, height_m=2.6)
+        assert given.state == ESTIMATED and given.confidence_shift == 0.0
+
+    @pytest.mark.parametrize("roll_deg", [3.0, -3.0])
+    def test_a_camera_that_hangs_askew(self, roll_deg):
+        camera = CAMERA.with_pose(replace(TRUE_POSE, roll_rad=np.radians(roll_deg)))
+        estimate = estimate_pose(drive(camera, (0.0,) * 4), camera)
+        assert_near(estimate, camera.pose, pitch_deg=0.2, yaw_deg=0.7, roll_deg=0.5, height_m=0.05)
+        assert estimate.roll_std_rad < np.radians(1.5)
 
     def test_errors_stay_within_three_standard_deviations(self):
         rng = np.random.default_rng(8)
@@ -232,6 +260,35 @@ class TestNoLanes:
         """Another border of the lane is a dark edge of the pavement, or none."""
         estimate = estimate_pose([paint_motorway(CAMERA, lines=(0,))] * 2, CAMERA)
         assert estimate.height_std_m > 0.2
+
+    @pytest.mark.slow
+    def test_edges_far_from_ahead_are_not_believed_without_lanes(self):
+        """The spread then is that of any camera, and covers the truth."""
+        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5, *np.radians([-8.0, -10.0])))
+        estimate = estimate_pose([paint_street(camera)] * 2, camera)
+        assert estimate.state == ASSUMED and "0 of 2 used, the pose is assumed" in estimate.describe()
+        assert np.degrees([estimate.pitch_std_rad, estimate.yaw_std_rad]) == pytest.approx([6, 10])
+        assert estimate.pose.pitch_rad == estimate.pose.yaw_rad == 0
+
+
+class TestVotes:
+    """Of the heights for which the lanes in images vote."""
+
+    @staticmethod
+    def _mode(odds, heights_m) -> tuple[float, float]:
+        density = vote_heights(np.array(odds, float), np.log(np.array(heights_m, float)))
+        mode = float(LOG_HEIGHTS[density.argmax()])
+        return float(np.exp(mode)), rival_std(LOG_HEIGHTS, density, mode, 0.35)
+
+    def test_without_lanes_the_height_is_that_of_a_car_and_uncertain(self):
+        height_m, std = self._mode([[0.0, 0.0]], [[np.nan, np.nan]])
+        assert height_m == pytest.approx(1.35, abs=0.02) and std > 0.2
+
+    @pytest.mark.parametrize(("images", "height_m"), [(1, 1.3), (6, 2.6)])
+    def test_several_images_outvote_the_usual_height_and_one_does_not(self, images, height_m):
+        found, std = self._mode([[9.0, 45.0]] * images, [[1.3, 2.6]] * images)
+        assert found == pytest.approx(height_m, abs=0.05)
+        assert (std > 0.2) == (images == 1)
 
 
 class TestRefused:

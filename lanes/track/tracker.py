@@ -123,6 +123,8 @@ class LaneTracker:
         lane is likely it is called twice a second, and the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
     markings : callable, optional, as for `lanes.find_lane`
+    confidence_shift : float
+        Added to the log odds of all lanes that are found with the pose of `camera`, if that is doubtful.
 
     Attributes
     ----------
@@ -152,12 +154,14 @@ class LaneTracker:
         find_pose: Callable[[np.ndarray], StillDetection | None] | None = None,
         settings: TrackerSettings | None = None,
         markings: Markings | None = None,
+        confidence_shift: float = 0.0,
     ) -> None:
         self.fps = require_number(fps, "fps", positive=True)
         self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
         if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
             raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
         self.find_pose, self.settings, self.markings = find_pose, settings or TrackerSettings(), markings
+        self._confidence_shift = confidence_shift
         self._use(camera)
 
     @property
@@ -237,6 +241,7 @@ class LaneTracker:
         view = self._narrowest_view(self._lane, self.view if search else self._views[0])
         mask = find_mask(view.camera.require_size(image), self.markings)
         evidence = find_evidence(image, view, s.detector.paint, mask=mask, quick=not full)
+        evidence = replace(evidence, confidence_shift=evidence.confidence_shift + self._confidence_shift)
         evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
         self.evidence = evidence
         if self._estimate is not None and self._lane is not None:
@@ -265,6 +270,7 @@ class LaneTracker:
         still = self.find_pose(image)
         if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
             self._use(still.camera)
+            self._confidence_shift = 0.0
             self.evidence, self.search = still.evidence, still.search
             self._start(still.lane)
         self._since_pose_s = 0.0
@@ -385,7 +391,7 @@ class LaneTracker:
             motion=motion,
             departure=departure,
             far_evidence=far,
-            confidence_shift=getattr(self.markings, "confidence_shift", 0.0),
+            confidence_shift=self.evidence.confidence_shift if self.evidence else 0.0,
             camera_offset_m=camera_offset_m,
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
