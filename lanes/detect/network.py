@@ -22,7 +22,6 @@ from lanes.detect.onnx_file import read_onnx
 from lanes.detect.paint import (
     PAINT,
     FrameEvidence,
-    MarkingResponse,
     Stripes,
     find_stripes,
     lightness,
@@ -62,7 +61,7 @@ def learned_evidence(image: np.ndarray, band: FrameEvidence) -> FrameEvidence:
     """
     view = band.view
     paint, edges = network_strengths(image, view)
-    response = MarkingResponse(paint, band.response.channels, learned=True)
+    response = replace(band.response, strength=paint, learned=True)
     painted, _ = place(find_stripes(response, view), band.response.strength, view)
     beside = find_stripes(replace(response, strength=edges), view)
     std_m, weight = np.hypot(beside.std_m, PAINT.edge_std_m), PAINT.edge_weight * beside.weight

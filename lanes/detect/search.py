@@ -153,13 +153,9 @@ def _observe_line(
     """What one image shows of the `line` (lane, side) of a fit; without `evidence` no profile is measured."""
     members, profile, votes = fit.members[line], previous.profile, previous.votes
     if evidence is not None:
-        # over the rows with paint on the line
-        marked = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
-        line_y_m = np.full(len(fit.view.x_m), np.nan)
-        line_y_m[marked] = fit.lines_y_m[line][marked]
-        profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
-        votes = votes.add_profile(profile)
-    votes = votes.add_gaps(fit.stripes.x_m[members & fit.stripes.measurable])
+        stripe_rows = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
+        seen = marking_profile(evidence.response, fit.view, fit.lines_y_m[line], stripe_rows, float(SIDES[line[1]]))
+        profile, votes = (seen, votes.add(seen)) if seen else (profile, votes)
     support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
     edge = bool(2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members))
     return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)
