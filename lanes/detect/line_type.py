@@ -91,7 +91,7 @@ def marking_profile(
     )
     light, yellow = light[painted], yellow[painted]
     # white paint shows in the first channel, yellow paint on light concrete in the second
-    profile = _profile(light + yellow)
+    profile = _profile(max(light, yellow, key=lambda channel: _cross_section(channel).max()))
     if profile is None:
         return None
     along = strength[:, ROAD_SAMPLES:-ROAD_SAMPLES].max(axis=1)
