@@ -38,8 +38,8 @@ PAINTED_FROM, BARE_BELOW = 0.5, 0.25
 # gaps are one to three times as long as dashes, seldom a third (edge lines in France). Chosen, as the numbers above and
 # below, on half A of the labelled real roads.
 MIN_ROAD_M, SOLID_FROM, DASHED_FROM = 8.0, 0.8, 0.15
-# Yellowness between white and yellow paint, and votes below which a majority is doubtful.
-YELLOW_FROM, DOUBTFUL = 0.5, 0.15
+# Mean yellowness of white lines at most, and of yellow lines at least.
+WHITE_TO, YELLOW_FROM = 0.25, 0.55
 # Share of its weight that an observation keeps with each further one, about 10 m later.
 KEEP = 0.8
 
@@ -163,12 +163,10 @@ def _straight_cells(view: BirdsEyeView, line_y_m: np.ndarray, first_row: int) ->
 
 @dataclass(frozen=True)
 class TypeVotes:
-    """Sums over the observations so far.
+    """Sums over the observations so far: their number, those of a double line, and those of `MarkingProfile`."""
 
-    Votes are positive for yellow and double and negative for white and single; lengths as in `MarkingProfile`.
-    """
-
-    yellow: float = 0.0
+    observations: float = 0.0
+    yellowness: float = 0.0
     double_stripes: float = 0.0
     seen_m: float = 0.0
     painted_m: float = 0.0
@@ -177,7 +175,10 @@ class TypeVotes:
     @property
     def colour(self) -> str | None:
         """ "white" or "yellow"; None if not seen well enough."""
-        return None if abs(self.yellow) < DOUBTFUL else "yellow" if self.yellow > 0 else "white"
+        if not self.observations:
+            return None
+        yellowness = self.yellowness / self.observations
+        return "white" if yellowness < WHITE_TO else "yellow" if yellowness > YELLOW_FROM else None
 
     @property
     def kind(self) -> str | None:
@@ -190,14 +191,15 @@ class TypeVotes:
 
     @property
     def double(self) -> bool | None:
-        """Two stripes side by side; None if not seen well enough."""
-        return None if abs(self.double_stripes) < DOUBTFUL else self.double_stripes > 0
+        """Two stripes side by side; None if not seen."""
+        return 2 * self.double_stripes > self.observations if self.observations else None
 
     def add(self, profile: MarkingProfile) -> TypeVotes:
         """Add what one image shows."""
         return TypeVotes(
-            yellow=KEEP * self.yellow + profile.yellowness - YELLOW_FROM,
-            double_stripes=KEEP * self.double_stripes + (1 if profile.double else -1),
+            observations=KEEP * self.observations + 1,
+            yellowness=KEEP * self.yellowness + profile.yellowness,
+            double_stripes=KEEP * self.double_stripes + profile.double,
             seen_m=KEEP * self.seen_m + profile.seen_m,
             painted_m=KEEP * self.painted_m + profile.painted_m,
             bare_m=KEEP * self.bare_m + profile.bare_m,
