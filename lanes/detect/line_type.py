@@ -1,25 +1,22 @@
-"""Marking of a line: its cross-section in one frame, and its type over time.
+"""Marking of a line: its cross-section, colour and gaps in one image, and its type over the road driven.
 
 The view is resampled along a fitted line: one row for each row of the view, one column for each distance from the line.
-The median over the rows is the cross-section of the marking, without the texture of the road.
+The median over the rows with stripes is the cross-section of the marking, without the texture of the road.
 
-The type is white or yellow, solid or dashed, single or double. A single picture may show a solid line in pieces
-(shadows), or one dash as long as the view. Each frame therefore votes, old votes decay, and the majority decides.
+The type is white or yellow, solid or dashed, single or double; None between the thresholds. White paint has the colour
+of the road beside it, which lies in the same light, and yellow paint lacks blue. One image shows a dash or two: painted
+and bare road are summed while the car drives, with less weight for what lies farther back.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from operator import attrgetter
-from typing import TypeVar
 
 import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.paint import PAINT, MarkingResponse
-
-T = TypeVar("T")
 
 # A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more. So are white edge lines
 # of some motorways, but two stripes have a gap: the largest brightness in their middle, relative to that of the
@@ -29,74 +26,102 @@ STRIPE_M, DOUBLE_FROM_M, GAP_BELOW = 0.12, 0.23, 0.83
 # marking, at either end.
 STEP_M, REACH_M = 0.025, 0.6
 ROAD_SAMPLES = 12
-# Rows up to this distance, beyond which the stripes of a double line merge in the image; fewest and most rows.
-PROFILE_FAR_M, MIN_ROWS, MAX_ROWS = 22.0, 4, 32
 # Sampled distances to the left of the line, at right angles.
 OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
-# Gaps between dashes are 3 m (UK, slow roads) to 12 m (Germany); holes from wear and shadows are mostly shorter. They
-# are looked for up to this distance, in at least this many rows with paint.
-MIN_DASH_GAP_M, DASH_FAR_M, MIN_DASH_ROWS = 2.7, 32.0, 6
-# Share of its weight that a vote keeps with each further vote: it is halved after 14 votes.
-VOTE_DECAY = 0.95
+# Rows up to this distance, beyond which the stripes of a double line and the ends of dashes merge in small images;
+# fewest rows with stripes.
+PROFILE_FAR_M, MIN_ROWS = 22.0, 4
+# Strength of painted and of bare rows relative to the median of the line's stripes; in blur, wear and shadows it is in
+# between. Rows count up to the farthest stripe: beyond it, the line may be hidden or bend away.
+PAINTED_FROM, BARE_BELOW = 0.5, 0.25
+# Road that must be seen before a kind is stated; painted share of solid lines, and bare share of dashed ones, at least:
+# gaps are one to three times as long as dashes, seldom a third (edge lines in France). Chosen, as the numbers above and
+# below, on half A of the labelled real roads.
+MIN_ROAD_M, SOLID_FROM, DASHED_FROM = 8.0, 0.8, 0.15
+# Mean yellowness of white lines at most, and of yellow lines at least.
+WHITE_TO, YELLOW_FROM = 0.25, 0.55
+# Share of its weight that an observation keeps with each further one, about 10 m later.
+KEEP = 0.8
 
 
 @dataclass(frozen=True)
 class MarkingProfile:
-    """Cross-section of a line's marking."""
+    """What one image shows of a line's marking."""
 
     # Width of the painted band at half its height: of a double line both stripes and the gap between them.
     width_m: float
     # Centre of the band, left of the fitted line.
     centre_m: float
-    # Its contrast in yellowness is larger than in lightness.
-    yellow: bool
-    # Height over the adjacent road, in units of that road's noise.
-    contrast: float
     # Smallest height in the middle third of the band near the car, relative to the lower of both halves; 1 for one
-    # stripe. Measured only for white bands as wide as a double line.
+    # stripe. Measured only for bands as wide as a double line.
     gap: float = 1.0
+    # Blue that the paint lacks, relative to white paint in the same light: about 0 for white paint, 1 for yellow.
+    yellowness: float = 0.0
+    # Length of the line that is seen, that with paint, and that without.
+    seen_m: float = 0.0
+    painted_m: float = 0.0
+    bare_m: float = 0.0
 
     @property
     def double(self) -> bool:
         """Two stripes side by side."""
-        return self.width_m > DOUBLE_FROM_M and (self.yellow or self.gap < GAP_BELOW)
+        return self.width_m > DOUBLE_FROM_M and (self.yellowness > YELLOW_FROM or self.gap < GAP_BELOW)
 
     def stripe_m(self, side: float) -> float:
         """Position of the stripe next to the lane, left of the fitted line; `side` is +1 for the left line, else -1."""
         return self.centre_m - side * (self.width_m - STRIPE_M) / 2 if self.double else self.centre_m
 
 
-def marking_profile(response: MarkingResponse, view: BirdsEyeView, line_y_m: np.ndarray) -> MarkingProfile | None:
-    """Cross-section of the marking along a line, in the channel with more contrast; None without a marking.
+def marking_profile(
+    response: MarkingResponse, view: BirdsEyeView, line_y_m: np.ndarray, stripe_rows: np.ndarray, side: float
+) -> MarkingProfile | None:
+    """What an image shows of the marking along a line; None without a marking.
 
-    `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row; NaN for rows to leave out.
+    `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row, NaN where it does not pass,
+    `stripe_rows` (stripes,) the rows of its stripes. `side` is +1 for a line to the left of the lane, else -1.
     """
-    channels = _straighten(response.channels, view, line_y_m)
-    if channels.shape[1] < MIN_ROWS:
+    rows, column = _straight_cells(view, line_y_m, stripe_rows.min(initial=len(line_y_m)))
+    painted = np.isin(rows, stripe_rows)
+    if np.count_nonzero(painted) < MIN_ROWS:
         return None
-    profiles = (_profile(values, yellow=yellow) for values, yellow in zip(channels, (False, True), strict=True))
-    return max(filter(None, profiles), key=attrgetter("contrast"), default=None)
+    row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()
+    light, yellow, strength = (
+        cv2.remap(cells[rows].astype(np.float32), column, row, cv2.INTER_LINEAR)
+        for cells in (*response.channels, response.band_strength)
+    )
+    light, yellow = light[painted], yellow[painted]
+    # white paint shows in the first channel, yellow paint on light concrete in the second
+    profile = _profile(max(light, yellow, key=lambda channel: _cross_section(channel).max()))
+    if profile is None:
+        return None
+    along = strength[:, ROAD_SAMPLES:-ROAD_SAMPLES].max(axis=1)
+    usual = np.median(along[painted])
+    # lengths are unknown if only a network sees the stripes
+    depth_m = view.row_columns[rows] * view.cell_m * (usual > PAINT.min_strength)
+    return replace(
+        profile,
+        yellowness=_yellowness(light, yellow, profile, side),
+        seen_m=float(depth_m.sum()),
+        painted_m=float(depth_m @ (along >= PAINTED_FROM * usual)),
+        bare_m=float(depth_m @ (along < BARE_BELOW * usual)),
+    )
 
 
-def _profile(values: np.ndarray, *, yellow: bool) -> MarkingProfile | None:
-    """Cross-section of the marking in one straightened channel (rows, offsets)."""
-    road = ROAD_SAMPLES
-    inner = _cross_section(values)
-    top = inner.max()
-    if top <= 0:
+def _profile(values: np.ndarray) -> MarkingProfile | None:
+    """Width, centre and gap of the marking in a straightened channel (rows, offsets); None without a marking."""
+    section = _cross_section(values)
+    if section.max() <= 0:
         return None
-    step = np.abs(np.diff(values, axis=1))
-    noise = (step[:, : road - 1].mean() + step[:, 1 - road :].mean()) / 2
-    painted = np.flatnonzero(inner >= top / 2)
-    first, last = OFFSETS_M[road:-road][painted[[0, -1]]]
+    painted = np.flatnonzero(section >= section.max() / 2)
+    first, last = OFFSETS_M[ROAD_SAMPLES:-ROAD_SAMPLES][painted[[0, -1]]]
     width_m, gap = float(first - last + STEP_M), 1.0
-    if width_m > DOUBLE_FROM_M and not yellow:
+    if width_m > DOUBLE_FROM_M:
         near = _cross_section(values[-max(len(values) // 3, MIN_ROWS) :])
         band = near[painted[0] : painted[-1] + 1]
         third, half = len(band) // 3, len(band) // 2
         peak = min(band[:half].max(), band[-half:].max())
         gap = float(band[third:-third].min() / peak) if peak > 0 else 1.0
-    return MarkingProfile(width_m, float(first + last) / 2, yellow, float(top / (noise + PAINT.noise_floor)), gap)
+    return MarkingProfile(width_m, float(first + last) / 2, gap)
 
 
 def _cross_section(values: np.ndarray) -> np.ndarray:
@@ -106,72 +131,76 @@ def _cross_section(values: np.ndarray) -> np.ndarray:
     return section[road:-road] - max(section[:road].mean(), section[-road:].mean())
 
 
-def _straighten(channels: np.ndarray, view: BirdsEyeView, line_y_m: np.ndarray) -> np.ndarray:
-    """(2, at most `MAX_ROWS`, offsets) float32: both channels, resampled along a line at `OFFSETS_M`."""
+def _yellowness(light: np.ndarray, yellow: np.ndarray, profile: MarkingProfile, side: float) -> float:
+    """Yellowness of a marking in straightened lightness and yellowness (rows, offsets); see `MarkingProfile`.
+
+    It is compared with the road towards the lane: beyond the edge of the road may be soil or grass.
+    """
+    on_band = np.abs(OFFSETS_M - profile.centre_m) <= profile.width_m / 2
+    beside = slice(-ROAD_SAMPLES, None) if side > 0 else slice(ROAD_SAMPLES)
+    light, yellow = np.median(light, axis=0), np.median(yellow, axis=0)
+    height, yellow_height = (section[on_band].mean() - section[beside].mean() for section in (light, yellow))
+    # white paint has the colour of the road
+    white_height = height * yellow[beside].mean() / max(light[beside].mean(), 1.0)
+    lacking, blue = yellow_height - white_height, height - yellow_height
+    return float(lacking / (abs(height - white_height) + abs(blue) + PAINT.noise_floor))
+
+
+def _straight_cells(view: BirdsEyeView, line_y_m: np.ndarray, first_row: int) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (N,) of the view, from `first_row` on, in which a line is seen, and columns (N, offsets) at `OFFSETS_M`."""
     most, least = view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M
     rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE_FAR_M))
-    if len(rows) < 2:
-        return np.empty((len(channels), 0, len(OFFSETS_M)), np.float32)
+    rows = rows[rows >= first_row]
+    if len(rows) < MIN_ROWS:
+        return rows[:0], np.empty((0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
     slant = np.hypot(1, np.gradient(line_y_m[rows], view.x_m[rows]))
-    chosen = slice(None, None, -(-len(rows) // MAX_ROWS))
-    rows, slant = rows[chosen], slant[chosen]
     column = ((view.y_m[0] - line_y_m[rows, None] - slant[:, None] * OFFSETS_M) / view.cell_m).astype(np.float32)
-    row = np.broadcast_to(np.arange(len(rows), dtype=np.float32)[:, None], column.shape).copy()
-    used = channels[:, rows].astype(np.float32)
-    return np.array([cv2.remap(channel, column, row, cv2.INTER_LINEAR) for channel in used])
+    ends = np.clip(np.round(column[:, [0, -1]]).astype(int), 0, len(view.y_m) - 1)
+    seen = view.seen[rows[:, None], ends].all(axis=1)
+    return rows[seen], column[seen]
 
 
 @dataclass(frozen=True)
 class TypeVotes:
-    """Sums of the votes so far, each positive for yellow, dashed, double and negative for white, solid, single."""
+    """Sums over the observations so far: their number, those of a double line, and those of `MarkingProfile`."""
 
-    yellow: float = 0.0
-    dashed: float = 0.0
+    observations: float = 0.0
+    yellowness: float = 0.0
     double_stripes: float = 0.0
+    seen_m: float = 0.0
+    painted_m: float = 0.0
+    bare_m: float = 0.0
 
     @property
     def colour(self) -> str | None:
         """ "white" or "yellow"; None if not seen well enough."""
-        return _majority(self.yellow, "yellow", "white")
+        if not self.observations:
+            return None
+        yellowness = self.yellowness / self.observations
+        return "white" if yellowness < WHITE_TO else "yellow" if yellowness > YELLOW_FROM else None
 
     @property
     def kind(self) -> str | None:
         """ "solid" or "dashed"; None if not seen well enough."""
-        return _majority(self.dashed, "dashed", "solid")
+        if self.seen_m < MIN_ROAD_M:
+            return None
+        if self.painted_m >= SOLID_FROM * self.seen_m:
+            return "solid"
+        return "dashed" if self.bare_m >= DASHED_FROM * self.seen_m else None
 
     @property
     def double(self) -> bool | None:
-        """Two stripes side by side; None if not seen well enough."""
-        return _majority(self.double_stripes, True, False)
+        """Two stripes side by side; None if not seen."""
+        return 2 * self.double_stripes > self.observations if self.observations else None
 
-    def add_profile(self, profile: MarkingProfile | None) -> TypeVotes:
-        """Add a vote on colour and double from a cross-section, if there is one."""
-        if profile is None:
-            return self
-        yellow, double = _add(self.yellow, profile.yellow), _add(self.double_stripes, profile.double)
-        return replace(self, yellow=yellow, double_stripes=double)
-
-    def add_gaps(self, marked_m: np.ndarray) -> TypeVotes:
-        """Add a vote on the kind from a frame with stripes at these distances ahead (N,), sorted or not."""
-        dashed = looks_dashed(marked_m)
-        return self if dashed is None else replace(self, dashed=_add(self.dashed, dashed))
-
-
-def _add(votes: float, yes: bool) -> float:
-    return VOTE_DECAY * votes + (1 if yes else -1)
-
-
-def _majority(votes: float, positive: T, negative: T) -> T | None:
-    """The winner of the votes; None if there is less than half a vote for it."""
-    return None if abs(votes) < 0.5 else positive if votes > 0 else negative
-
-
-def looks_dashed(marked_m: np.ndarray) -> bool | None:
-    """Whether stripes at these distances (N,) have gaps like a dashed line's; None if there are too few."""
-    marked_m = np.sort(marked_m[marked_m < DASH_FAR_M])
-    gaps = marked_m[1:] - marked_m[:-1]
-    # stripes at the same distance count once
-    if np.count_nonzero(gaps) < MIN_DASH_ROWS - 1:
-        return None
-    return bool(gaps.max() > MIN_DASH_GAP_M)
+    def add(self, profile: MarkingProfile) -> TypeVotes:
+        """Add what one image shows."""
+        return TypeVotes(
+            observations=KEEP * self.observations + 1,
+            yellowness=KEEP * self.yellowness + profile.yellowness,
+            double_stripes=KEEP * self.double_stripes + profile.double,
+            seen_m=KEEP * self.seen_m + profile.seen_m,
+            painted_m=KEEP * self.painted_m + profile.painted_m,
+            bare_m=KEEP * self.bare_m + profile.bare_m,
+        )

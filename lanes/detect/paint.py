@@ -70,6 +70,8 @@ class MarkingResponse:
     strength: np.ndarray
     # (2, rows, columns) int: lightness and yellowness of the view, in grey levels.
     channels: np.ndarray
+    # The strength of the band filter, from which kinds of lines are measured: masks may join dashes.
+    band_strength: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +138,8 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: Paint
     noise = unit * _local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
     # large sums are int32, whose quotients numpy makes float64
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0, dtype=np.float32)
-    return MarkingResponse(cv2.copyTo(strength, view.seen.view(np.uint8)), channels[inside])
+    strength = cv2.copyTo(strength, view.seen.view(np.uint8))
+    return MarkingResponse(strength, channels[inside], strength)
 
 
 def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:

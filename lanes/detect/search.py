@@ -14,7 +14,7 @@ import numpy as np
 from lanes.detect.evidence import Evidence
 from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
-from lanes.detect.line_type import MarkingProfile, marking_profile
+from lanes.detect.line_type import MIN_ROAD_M, MarkingProfile, marking_profile
 from lanes.detect.paint import PaintSettings
 from lanes.detect.residuals import stripe_residuals
 from lanes.detect.road import CENTRE, PARAMETERS, SIDES, WIDTH, adjacent_lane_matrix, is_ego_lane
@@ -145,17 +145,17 @@ def _observe_line(
     fit: Fit, line: tuple[int, int], rows: int, previous: LineEvidence, evidence: Evidence | None
 ) -> LineEvidence:
     """What one image shows of the `line` (lane, side) of a fit; without `evidence` no profile is measured."""
-    members, profile, votes = fit.members[line], previous.profile, previous.votes
+    members, profile, votes, seen = fit.members[line], previous.profile, previous.votes, None
     if evidence is not None:
-        # over the rows with paint on the line
-        marked = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
-        line_y_m = np.full(len(fit.view.x_m), np.nan)
-        line_y_m[marked] = fit.lines_y_m[line][marked]
-        profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
-        votes = votes.add_profile(profile)
-    votes = votes.add_gaps(fit.stripes.x_m[members & fit.stripes.measurable])
+        stripe_rows = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
+        seen = marking_profile(evidence.response, fit.view, fit.lines_y_m[line], stripe_rows, float(SIDES[line[1]]))
+    if seen is not None:
+        profile, votes = seen, votes.add(seen)
     support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
-    edge = bool(2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members))
+    # by weight, because there are edges beside painted lines, too, and between dashes
+    weight = fit.weight[line[0]] * members
+    edge = bool(weight @ fit.stripes.edge > weight @ ~fit.stripes.edge)
+    edge = edge and (seen is None or seen.painted_m < MIN_ROAD_M)
     return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)
 
 

@@ -16,8 +16,8 @@ from tests.support.shapes import a_lane
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 STD = a_lane(centre=0.02, width=0.03, heading=2e-3, curvature=2e-4, rate=1e-5, pitch=5e-3, rate_steps=1e-5)
 SEEN = (
-    LineEvidence(0.6, True, 25.0, votes=TypeVotes(yellow=3.0, dashed=-3.0, double_stripes=2.0)),
-    LineEvidence(0.3, True, 30.0, votes=TypeVotes(yellow=-3.0, dashed=3.0)),
+    LineEvidence(0.6, True, 25.0, votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0)),
+    LineEvidence(0.3, True, 30.0, votes=TypeVotes(3.0, seen_m=24.0, painted_m=6.0, bare_m=18.0)),
 )
 BENT = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=1 / 80, rate=-2e-4)
 
@@ -81,7 +81,7 @@ def test_the_telemetry_of_a_lane_and_of_none():
     assert (row["offset_m"], row["lane_width_m"], row["curvature_per_m"]) == pytest.approx((-0.4, 3.4, 1 / 79.6))
     assert row["offset_std_m"] == pytest.approx(0.02)
     assert (row["left_kind"], row["left_colour"], row["left_double"]) == ("solid", "yellow", True)
-    assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", None)
+    assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", False)
     assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)
     assert set(lost.values()) == {None}
 
