@@ -21,14 +21,17 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT
 from lanes.detect.search import DETECTOR, DetectorSettings
-from lanes.errors import CameraError, PoseError
-from lanes.sources import find_sources, sample_images
+from lanes.errors import CameraError, PoseError, require_type
+from lanes.field_of_view import find_camera
+from lanes.images import require_rgb
+from lanes.sources import find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
+from lanes.values import ByValue
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
@@ -59,7 +62,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class PoseEstimate:
+class PoseEstimate(ByValue):
     """The camera with the estimated pose, and the standard deviations of the pose.
 
     `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with a likely lane
@@ -140,7 +143,7 @@ def _describe_angle(angle_rad: float, std_rad: float, positive: str, negative: s
 
 def estimate_pose(
     source: str | Path | np.ndarray | Iterable[str | Path | np.ndarray],
-    camera: Camera,
+    camera: Camera | None = None,
     *,
     lane_width_m: float | None = None,
     height_m: float | None = None,
@@ -156,8 +159,9 @@ def estimate_pose(
 
     >>> camera = lanes.estimate_pose("drive.mp4", camera).camera  # doctest: +SKIP
 
-    Only the intrinsics of `camera` are used; an existing pose is ignored. In a single image the lane is looked for with
-    several poses; the estimate is that of the most probable lane, and `PoseEstimate.still` holds the lane.
+    Only the intrinsics of `camera` are used; an existing pose is ignored. Without a camera they are those of the files
+    (`camera_info`, EXIF), or of a horizontal field of view of 60 degrees, and a warning says so. In a single image the
+    lane is looked for with several poses; the estimate is that of the most probable lane, `PoseEstimate.still`.
 
     Parameters
     ----------
@@ -190,11 +194,18 @@ def estimate_pose(
         raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
     if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
         raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
+    require_type(settings, DetectorSettings, "settings")
     files, images = _list_images(source)
+    require_topic(files, topic)
+    if files and camera is None:
+        camera = find_camera(next(sample_images(files, 1, topic=topic)).shape[1::-1], files, topic)
     if files:
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": topic}
-        images = sample_images(files, max_pictures, require=camera.require_size, **part)
+        images = sample_images(files, max_pictures, require=require_camera(camera).require_size, **part)
     first = list(islice(images, 1))
+    if not first:
+        raise PoseError("no picture was given; name stills or a video of the drive.")
+    camera = require_camera(camera or find_camera(require_rgb(first[0], "picture 1").shape[1::-1]))
     try:
         resized, resized_camera = _resize(chain(first, images), camera)
     except PoseError as error:
@@ -319,8 +330,6 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     for number, image in enumerate(images, 1):
         image = camera.require_size(image, f"picture {number}")
         resized.append(image if camera.size == size else cv2.resize(image, size, interpolation=interpolation))
-    if not resized:
-        raise PoseError("no picture was given; name stills or a video of the drive.")
     return resized, resized_camera
 
 

@@ -12,10 +12,11 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import SURE_CONFIDENCE, log_odds
 from lanes.detect.lane import Lane
@@ -29,7 +30,7 @@ from lanes.detect.search import (
     more_probable,
     search_lane,
 )
-from lanes.errors import CameraError
+from lanes.errors import CameraError, require_type
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
@@ -67,7 +68,11 @@ class StillDetection:
 
 
 def find_lane(
-    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+    image: np.ndarray | str | Path,
+    camera: Camera,
+    settings: DetectorSettings = DETECTOR,
+    *,
+    markings: Markings | None = None,
 ) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
@@ -75,7 +80,7 @@ def find_lane(
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8
+    image : ndarray of shape (height, width, 3), uint8, or path
         RGB, raw.
     camera : Camera
         The camera that took it, with its pose.
@@ -95,16 +100,21 @@ def find_lane(
 
 
 def detect_still(
-    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+    image: np.ndarray | str | Path,
+    camera: Camera,
+    settings: DetectorSettings = DETECTOR,
+    *,
+    markings: Markings | None = None,
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`.
 
     The band filter finds the stripes. If its lane is not sure, the network finds them, too, and its lane is
     taken if it is clearly more probable, or if the band filter finds none. Stripes of a mask replace or join them.
     """
+    image = require_camera(camera).require_size(image)
     view = _view_of(camera)
-    band = extract_evidence(view.warp(image), view, settings.paint)
-    mask = find_mask(camera.require_size(image), markings)
+    band = extract_evidence(view.warp(image), view, require_type(settings, DetectorSettings, "settings").paint)
+    mask = find_mask(image, markings)
     found = _search(mask.evidence(band, band) if mask else band, settings)
     if found.confidence >= SURE_CONFIDENCE or (mask and not mask.with_own):
         return found

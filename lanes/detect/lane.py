@@ -30,6 +30,7 @@ from lanes.detect.road import (
     propagated_std,
     road_height,
 )
+from lanes.values import ByValue
 
 if TYPE_CHECKING:
     from lanes.track.departure import Departure
@@ -97,7 +98,7 @@ FarEvidence = tuple[LineEvidence | None, LineEvidence | None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Line(LineEvidence):
+class Line(ByValue, LineEvidence):
     """One line of a lane: where it runs, how certain that is, and what is seen of it.
 
     Attributes
@@ -157,13 +158,16 @@ class Line(LineEvidence):
         paint = f"paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
         return ", ".join(filter(None, [beside, self.describe_type(), paint]))
 
+    def __repr__(self) -> str:
+        return f"Line({'left' if self.side > 0 else 'right'}, {self.describe()})"
+
     def describe_type(self) -> str:
         """Words such as "yellow double solid"; empty if not seen well enough."""
         return " ".join(filter(None, [self.colour, "double" if self.double else None, self.kind]))
 
 
 @dataclass(frozen=True, eq=False)
-class Lane:
+class Lane(ByValue):
     """The ego lane in one image or frame, in SI units.
 
     Attributes
