@@ -44,6 +44,11 @@ ROAD_EDGE = "road edge"
 LOST = "lost"
 # Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(3.0, 400.0, 120)
+# A speed with a larger standard deviation is not stated. It is a third of the speed where the lane does not show it.
+MAX_SPEED_STD_SHARE = 0.15
+# Columns that a line may pass from row to row. Where it passes more, two rows of pitch motion move it by more than the
+# 20 pixels that TuSimple's score allows.
+MAX_COLUMNS_PER_ROW = 10.0
 
 
 @dataclass(frozen=True)
@@ -364,7 +369,7 @@ class Lane(ByValue):
             "left line": self.left.describe(),
             "right line": self.right.describe(),
         }
-        if self.motion is not None:
+        if self.motion and self.motion.speed_std_mps <= MAX_SPEED_STD_SHARE * self.motion.speed_mps:
             words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
         if self.departure and (warning := self.departure.describe()):
             words["warning"] = warning
@@ -377,11 +382,16 @@ class Lane(ByValue):
 
 
 def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass."""
+    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass.
+
+    A line ends where it runs almost along the rows, see `MAX_COLUMNS_PER_ROW`.
+    """
     columns = np.full((len(outlines), len(rows)), -2.0)
     for column, outline in zip(columns, outlines, strict=True):
         if len(outline):
-            column[:] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
+            across, up = np.abs(np.diff(outline, axis=0)).T
+            end = int(np.append(across > MAX_COLUMNS_PER_ROW * up, True).argmax()) + 1
+            column[:] = np.interp(rows, outline[:end][::-1, 1], outline[:end][::-1, 0], left=-2, right=-2)
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 
