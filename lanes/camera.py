@@ -90,13 +90,15 @@ class CalibrationReport:
     """Result of a calibration: root mean square reprojection errors of all corners and of each board used.
 
     `board_rms_px` has the boards by the name of their picture, `rejected` the pictures that were not used, and why;
-    `date` is ISO 8601, today by default.
+    `date` is ISO 8601, today by default. `focal_std_share` is the standard deviation of the focal length as a share of
+    it; 0 if it is unknown.
     """
 
     rms_px: float
     board_rms_px: dict[str, float] = field(default_factory=dict)
     rejected: dict[str, str] = field(default_factory=dict)
     date: str = field(default_factory=lambda: date.today().isoformat())
+    focal_std_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -487,6 +489,7 @@ def camera_to_dict(camera: Camera) -> dict:
             "board_rms_px": {name: round(float(error), 4) for name, error in report.board_rms_px.items()},
             "rejected": dict(report.rejected),
             "date": report.date,
+            "focal_std_share": round(float(report.focal_std_share), 4),
         }
     return content
 
@@ -585,4 +588,5 @@ def _parse_pose(content: dict) -> CameraPose:
 def _parse_report(content: dict) -> CalibrationReport:
     errors = {str(name): float(error) for name, error in content["board_rms_px"].items()}
     rejected = {str(name): str(reason) for name, reason in content.get("rejected", {}).items()}
-    return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]))
+    focal_std_share = float(content.get("focal_std_share", 0.0))
+    return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]), focal_std_share)

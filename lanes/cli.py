@@ -67,7 +67,12 @@ class Calibrate:
         paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
-        camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        try:
+            camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        except CameraError:
+            if options.sheet:
+                print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, None))}")
+            raise
         print(describe_calibration(detections, camera))
         print(f"wrote {save_camera(camera, options.output)}")
         if options.sheet:
