@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
@@ -18,6 +19,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, require_camera
+from lanes.console import progress_line
 from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
@@ -94,6 +96,8 @@ class DriveSettings:
             raise CameraError(
                 "the camera file holds a pose; omit --height and --lane-width, or estimate it again with `pose`."
             )
+        if self.progress and sys.stderr.isatty():
+            options.setdefault("progress", progress_line("pose"))
         given = {"height_m": self.height_m, "lane_width_m": self.lane_width_m, "markings": self.markings}
         return ensure_pose(camera, source, **given, **options)
 

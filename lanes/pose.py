@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, count, islice
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -178,7 +178,7 @@ def estimate_pose(
     start_s, end_s, topic
         Part of each video, seconds since its first frame; topic of the images in robot logs, by default the only one.
     progress : callable, optional
-        Called with (images done, images in all).
+        Called with (searches done, searches in all): most images are searched twice.
     markings : callable, optional, as for `lanes.find_lane`
 
     Raises
@@ -348,17 +348,17 @@ def _pose_from_lanes(
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
     log_std = 0.0 if height_m else PRIOR_HEIGHT_LOG_STD
-    first = _first_images(images)
-    shown = [
-        _shown_by(detect_with_own_pose(image, camera, log_std, markings, settings), lane_width_m) for image in first
-    ]
-    for last in (False, True):
+    first, searched = _first_images(images), count(1)
+
+    def shown_by(still: StillDetection) -> list[float]:
+        if progress:
+            progress(next(searched), len(first) + 2 * len(images))
+        return _shown_by(still, lane_width_m)
+
+    shown = [shown_by(detect_with_own_pose(image, camera, log_std, markings, settings)) for image in first]
+    for _ in range(2):
         camera = camera.with_pose(_median_pose(np.array(shown), camera.require_pose(), height_m))
-        shown = []
-        for done, image in enumerate(images, 1):
-            shown.append(_shown_by(detect_still(image, camera, settings, markings=markings), lane_width_m))
-            if last and progress:
-                progress(done, len(images))
+        shown = [shown_by(detect_still(image, camera, settings, markings=markings)) for image in images]
     return _summarise(np.array(shown), camera, lane_width_m, height_m)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
@@ -117,6 +118,15 @@ def test_a_topic_of_a_video_that_has_none_is_refused(drive, tmp_path):
     ):
         with pytest.raises(lanes.VideoError, match=r"drive\.mp4: is no robot log .* '/front'; omit the topic\."):
             call()
+
+
+def test_the_pose_of_a_drive_shows_its_progress_in_a_terminal(drive, tmp_path, monkeypatch, capsys):
+    options = {"report": False, "end_s": 0.1, "lane_width_m": 3.6}
+    lanes.annotate(drive, tmp_path / "a", SMALL.with_pose(None), **options)
+    assert capsys.readouterr().err == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    lanes.annotate(drive, tmp_path / "b", SMALL.with_pose(None), **options)
+    assert re.search(r"\rpose: 1 of (\d+)(\rpose: \d+ of \1)+\n", capsys.readouterr().err)
 
 
 def test_the_given_speed_is_that_of_the_annotated_drive(drive, tmp_path, monkeypatch):
