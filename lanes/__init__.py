@@ -1,6 +1,6 @@
 """Finds the ego lane in images and videos of a road, in metres and with its uncertainty.
 
-A road is drawn here; `lanes.images.read_image` reads a real one.
+A road is drawn here; `read_image` reads a real one.
 
 >>> import cv2, lanes, numpy as np
 >>> camera = lanes.Camera.from_fov((640, 360), hfov_deg=60).with_pose(lanes.CameraPose(height_m=1.3, pitch_rad=0.05))
@@ -23,27 +23,34 @@ from lanes.console import require_opencv
 
 require_opencv()  # before modules that use what only OpenCV 5 has
 
-from lanes.errors import LaneError
+from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
+from lanes.images import read_image
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.calibration import calibrate
 from lanes.pose import estimate_pose
 from lanes.detect.lane import Lane, Line
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.draw import draw_lane
 from lanes.explain import explain
 from lanes.annotate import annotate, track
 from lanes.video.process import process_video
-from lanes.video.reader import read_video
+from lanes.video.reader import TimedFrame, read_video
 
 __version__ = "0.1.0"
 __all__ = [
     "Camera",
+    "CameraError",
     "CameraPose",
     "Lane",
     "LaneError",
     "LaneTracker",
     "Line",
+    "PictureError",
+    "PoseError",
+    "TimedFrame",
+    "TrackerSettings",
+    "VideoError",
     "annotate",
     "calibrate",
     "draw_lane",
@@ -52,6 +59,7 @@ __all__ = [
     "find_lane",
     "load_camera",
     "process_video",
+    "read_image",
     "read_video",
     "save_camera",
     "track",

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -17,7 +18,8 @@ import av
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
+from lanes.console import progress_line
 from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, Lane, telemetry_row
 from lanes.detect.markings import Markings
@@ -30,11 +32,12 @@ from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from lanes.report.page import Telemetry, describe_confidence, seconds_lost, share_tracked, write_report
-from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, sample_images
+from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.stills import StillDetection
 from lanes.track.departure import describe_many_warnings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.values import ByValue
 from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
 from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
@@ -64,6 +67,7 @@ class DriveSettings:
     camera_offset_m: float | None = None
     lane_width_m: float | None = None
     height_m: float | None = None
+    speed_mps: float | None = None
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with upright images of `size` (width, height).
@@ -78,8 +82,7 @@ class DriveSettings:
         given = self.camera or (self.field and self.field.source == GIVEN)
         camera = self.camera if given else read_log_camera(file, self.topic)
         if camera is None:
-            field = self.field_of(file)
-            return Camera.from_fov(size, field.across(size), lens=field.lens)
+            return self.field_of(file).camera(size)
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
         try:
@@ -93,6 +96,8 @@ class DriveSettings:
             raise CameraError(
                 "the camera file holds a pose; omit --height and --lane-width, or estimate it again with `pose`."
             )
+        if self.progress and sys.stderr.isatty():
+            options.setdefault("progress", progress_line("pose"))
         given = {"height_m": self.height_m, "lane_width_m": self.lane_width_m, "markings": self.markings}
         return ensure_pose(camera, source, **given, **options)
 
@@ -108,7 +113,7 @@ class DriveSettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Annotation:
+class Annotation(ByValue):
     """Result of annotating one video, or stills."""
 
     # The files written: annotated video, telemetry and report, or annotated pictures and telemetry.
@@ -123,6 +128,11 @@ class Annotation:
     missing: int = 0
     # One error for each still that could not be used.
     failures: tuple[LaneError, ...] = ()
+
+    def __repr__(self) -> str:
+        files = ", ".join(path.name for path in self.outputs[:3])
+        more = f" and {len(self.outputs) - 3} more" if len(self.outputs) > 3 else ""
+        return f"Annotation({len(self.telemetry['state'])} rows of telemetry, {files}{more})"
 
 
 def annotate(
@@ -159,6 +169,8 @@ def annotate(
         Position of the camera left of the middle of the car, negative right; by default that of `camera`.
     height_m, lane_width_m : float
         Height of the camera, or width of the lanes, if the pose is estimated; see `lanes.estimate_pose`.
+    speed_mps : float
+        Speed of the car; estimated if not given.
 
     Raises
     ------
@@ -168,8 +180,14 @@ def annotate(
         If an output would overwrite a source or another output.
     """
     names = [sources] if isinstance(sources, str | Path) else sources
+    known = {field.name for field in fields(DriveSettings)} - {"output", "camera", "field"}
+    if unknown := options.keys() - known:
+        words = ", ".join(sorted(unknown)), ", ".join(sorted(known))
+        raise LaneError(f"annotate has no option {words[0]}; its options are {words[1]}.")
     found = find_sources(map(str, names))
-    field = None if camera else find_field_of_view(found.files, options.get("topic"))
+    require_topic(found.videos, options.get("topic"))
+    field = find_field_of_view(found.files, options.get("topic")).warn() if camera is None else None
+    camera = camera if camera is None else require_camera(camera)
     settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
     outcomes = list(annotate_sources(found, settings))
     results = [outcome for outcome in outcomes if isinstance(outcome, Annotation)]
@@ -200,29 +218,32 @@ def annotate_sources(sources: Sources, settings: DriveSettings) -> Iterator[Anno
 
 def track(
     path: str | Path,
-    camera: Camera,
+    camera: Camera | None = None,
     *,
     speed_mps: float | None = None,
     start_s: float = 0.0,
     end_s: float | None = None,
+    topic: str | None = None,
     progress: bool = False,
     markings: Markings | None = None,
 ) -> Generator[tuple[TimedFrame, Lane | None]]:
     """Track the lane through a video; yields each frame with its lane, None where it is lost.
 
-    >>> for frame, lane in lanes.track("drive.mp4", camera):  # doctest: +SKIP
+    >>> for frame, lane in lanes.track("drive.mp4"):  # doctest: +SKIP
     ...     print(frame.time_s, lane)
 
     Parameters
     ----------
     path : path
         The video.
-    camera : Camera
-        With its pose, and of the size of the video.
+    camera : Camera, optional
+        With its pose, and of the size of the video. Without a camera it is estimated as by `annotate`.
     speed_mps : float, optional
         Speed of the car; estimated if not given.
     start_s, end_s, progress
         As for `process_video`.
+    topic : str, optional
+        Topic of the images in a robot log; by default the only one.
     markings : callable, optional, as for `lanes.find_lane`
 
     Raises
@@ -230,11 +251,18 @@ def track(
     FileNotFoundError, LaneError
         If the video cannot be read, or the camera has no pose or another size.
     """
-    info = inspect_video(path)
+    require_topic([Path(path)], topic)
+    pose = None
+    if camera is None:
+        part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": topic, "markings": markings}
+        field = find_field_of_view([Path(path)], topic).warn()
+        info, camera, pose = prepare_drive(Path(path), DriveSettings(output=Path(), field=field, **part))
+    else:
+        info = inspect_video(path, topic=topic)
     size = info.width, info.height
-    if camera.size != size:
+    if require_camera(camera).size != size:
         raise CameraError(f"{path}: is {size[0]}x{size[1]} pixels, unlike the camera; give camera.scaled({size}).")
-    tracker = LaneTracker(camera, fps=info.fps, speed_mps=speed_mps, markings=markings)
+    tracker = make_tracker(info.fps, camera, pose, markings, speed_mps=speed_mps)
     with closing(read_frames(path, info, start_s=start_s, end_s=end_s, progress=progress)) as frames:
         yield from track_frames(frames, tracker)
 
@@ -267,6 +295,8 @@ def make_tracker(
     pose: PoseEstimate | None,
     markings: Markings | None,
     settings: TrackerSettings | None = None,
+    *,
+    speed_mps: float | None = None,
 ) -> LaneTracker:
     """A tracker for a drive; it looks for the pose again where the lane is not likely, if the `pose` was estimated."""
 
@@ -278,7 +308,8 @@ def make_tracker(
         return None
 
     shift = pose.confidence_shift if pose else 0.0
-    options: dict[str, Any] = {"markings": markings, "settings": settings, "confidence_shift": shift}
+    options: dict[str, Any] = {"speed_mps": speed_mps, "markings": markings, "settings": settings}
+    options["confidence_shift"] = shift
     return LaneTracker(camera, fps=fps, find_pose=find_pose if pose else None, **options)
 
 
@@ -292,7 +323,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     with translate_write_errors(target.with_suffix(".html")):
         target.with_suffix(".html").exists()  # its name is the longest: refused now, not after minutes of work
     began_s = time.perf_counter()
-    tracker, path = make_tracker(info.fps, camera, pose, settings.markings), target.with_suffix(".csv")
+    tracker = make_tracker(info.fps, camera, pose, settings.markings, speed_mps=settings.speed_mps)
+    path = target.with_suffix(".csv")
     log = index_log(video, info.topic) if info.topic else None
     writer = write_lane_messages(path, tracker, log) if log else nullcontext(TelemetryWriter(path))
     function = track_lane(tracker, style=settings.style)

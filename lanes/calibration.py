@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import cv2
@@ -40,6 +41,9 @@ MAX_ERROR_SHARE = 0.0025
 # Frames of a video in which a board is looked for, and the most that are used, those in which it is seen most
 # differently.
 VIDEO_FRAMES, VIDEO_BOARDS = 60, 20
+# Largest standard deviation of the focal length as a share of it; above the first one the result says so. Three tilted
+# real boards reach 0.4 %, and a field of view that is assumed is off by a third.
+DOUBTFUL_FOCAL_STD, MAX_FOCAL_STD = 0.02, 0.04
 # Two boards are seen alike if no corner differs by more than this share of the image's size.
 SAME_VIEW_SHARE = 0.01
 _ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
@@ -103,10 +107,13 @@ def find_boards(
     """The board in every picture. Pictures that cannot be decoded are `unused`; one that does not exist is an error."""
     same_name = Counter(path.name for path in paths)
     found = BoardDetections({}, pattern, {}, {})
-    for done, path in enumerate(paths, 1):
+    weights = [VIDEO_FRAMES if kind_of_file(path) == "video" else 1 for path in paths]
+    for path, weight, done in zip(paths, weights, np.cumsum(weights).tolist(), strict=True):
         name = path.name if same_name[path.name] == 1 else str(path)
         if kind_of_file(path) == "video":
-            _add_video(found, name, path)
+            # all counts are those of pictures; a video stands for the frames in which a board is looked for
+            report = progress and partial(_report_share, progress, done - weight, weight, sum(weights))
+            _add_video(found, name, path, report)
         else:
             try:
                 image = read_image(path, upright=False)
@@ -116,12 +123,16 @@ def find_boards(
             else:
                 _add_image(found, name, image)
         if progress:
-            progress(done, len(paths))
+            progress(done, sum(weights))
     return found
 
 
+def _report_share(progress: Callable[[int, int], None], before: int, weight: int, total: int, share: float) -> None:
+    progress(before + int(share * weight), total)
+
+
 def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
-    board = find_board(image, found.pattern)
+    board = find_board(image, found.pattern, doubtful=True)
     if board:
         found.boards[name] = board
     else:
@@ -131,15 +142,18 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
     found.tiles[name] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _add_video(found: BoardDetections, name: str, path: Path) -> None:
-    """Add the frames of a video in which the board is seen most differently."""
-    step = max(1, inspect_video(path).frames // VIDEO_FRAMES)
+def _add_video(found: BoardDetections, name: str, path: Path, report: Callable[[float], None] | None = None) -> None:
+    """Add the frames of a video in which the board is seen most differently; `report` gets the share that was read."""
+    count = inspect_video(path).frames
+    step = max(1, count // VIDEO_FRAMES)
     orientation = inspect_turn(path)
     looked = BoardDetections({}, found.pattern, {}, {})
     for frame in read_timed_frames(path):
         if frame.number % step == 0:
             sensor_image = as_stored(frame.image, orientation)
             _add_image(looked, f"{name} at {frame.time_s:.2f} s", sensor_image)
+            if report:
+                report(min(frame.number / count, 1.0))
     chosen = _most_different(looked.boards, VIDEO_BOARDS)
     found.boards.update({key: looked.boards[key] for key in chosen})
     found.tiles.update({key: looked.tiles[key] for key in chosen or list(looked.tiles)[:1]})
@@ -181,7 +195,8 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
     try:
         camera = calibrate_boards(detections.boards)
     except CameraError as error:
-        hint = " Is the pattern right?" if len(detections.unused) > len(detections.boards) else ""
+        sure = sum(not board.doubtful for board in detections.boards.values())
+        hint = " Is the pattern right?" if len(detections.tiles) > 2 * sure else ""
         raise CameraError(f"{source}: {error}{hint}{unused}") from error
     report = camera.require_report()
     return replace(camera, report=replace(report, rejected=detections.unused | report.rejected))
@@ -199,14 +214,21 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
     used = {name: b for name, b in boards.items() if np.abs(np.subtract(b.size, size)).max() <= MAX_CROP_PX}
     reason = "picture is {}x{} pixels, the others {}x{}; take all with one setting"
     rejected = {name: reason.format(*board.size, *size) for name, board in boards.items() if name not in used}
-    camera = _calibrate_without_outliers(used, size, rejected, fisheye=False)
+    sure = {name: board for name, board in used.items() if not board.doubtful}
+    reason = "its corners are not evenly spaced or hardly seen, and the lens is no fisheye lens"
+    doubtful = dict.fromkeys(used.keys() - sure.keys(), reason)
+    try:
+        camera = _calibrate_without_outliers(sure, size, rejected | doubtful, fisheye=False)
+    except CameraError:
+        if not doubtful:
+            raise
+        camera = _calibrate_fisheye_lens(used, size, rejected)
+    report = camera.require_report()
+    if report.rms_px > MIN_OUTLIER_ERROR_PX or len(report.board_rms_px) < len(boards):
+        with suppress(CameraError):
+            fisheye = _calibrate_fisheye_lens(used, size, rejected)
+            camera = fisheye if _explains_more(fisheye, used) else camera
     rms_px = camera.require_report().rms_px
-    if rms_px <= MIN_OUTLIER_ERROR_PX and len(camera.require_report().board_rms_px) == len(boards):
-        return camera
-    with suppress(CameraError):
-        fisheye = _calibrate_without_outliers(used, size, rejected, fisheye=True)
-        if fisheye.require_report().rms_px < FISHEYE_ERROR_RATIO * rms_px:
-            camera, rms_px = fisheye, fisheye.require_report().rms_px
     limit_px = MAX_ERROR_SHARE * max(camera.size)
     if rms_px > limit_px:
         raise CameraError(
@@ -214,6 +236,40 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
             "Check the pattern, that the board is flat, and that all pictures are of one camera that did not zoom."
         )
     return camera
+
+
+def _calibrate_fisheye_lens(boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str]) -> Camera:
+    """As `_calibrate_without_outliers`, with the doubtful boards that the lens of the others roughly explains."""
+    sure = {name: board for name, board in boards.items() if not board.doubtful}
+    try:
+        camera = _calibrate_without_outliers(sure, size, rejected, fisheye=True)
+    except CameraError:  # they are too few
+        return _calibrate_without_outliers(boards, size, rejected, fisheye=True)
+    # the lens is not known well where no sure board was
+    limit_px = 2 * MAX_ERROR_SHARE * max(size)
+    errors = {name: _error_px(board, camera) for name, board in boards.items() if board.doubtful}
+    wrong = {name: f"error {error:.1f} px, it is no board" for name, error in errors.items() if error > limit_px}
+    used = {name: board for name, board in boards.items() if name not in wrong}
+    return _calibrate_without_outliers(used, size, rejected | wrong, fisheye=True)
+
+
+def _explains_more(fisheye: Camera, boards: dict[str, Board]) -> bool:
+    """Whether a fisheye lens fits its boards clearly better than a normal lens does."""
+    report = fisheye.require_report()
+    try:
+        normal = _calibrate_once({name: boards[name] for name in report.board_rms_px}, fisheye.size, {}, fisheye=False)
+    except CameraError:
+        return True
+    return report.rms_px < FISHEYE_ERROR_RATIO * normal.require_report().rms_px
+
+
+def _error_px(board: Board, camera: Camera) -> float:
+    """Root mean square reprojection error of a board in its best pose before a fisheye lens."""
+    points, pixels = board.object_points.astype(float)[None], board.corners_px.astype(float)[None]
+    lens = camera.matrix, camera.distortion
+    _, turn, shift = cv2.fisheye.solvePnP(points, pixels, *lens)
+    projected, _ = cv2.fisheye.projectPoints(points, turn, shift, *lens)
+    return float(np.sqrt(np.mean(np.sum((projected - pixels) ** 2, axis=-1))))
 
 
 def _calibrate_without_outliers(
@@ -250,36 +306,36 @@ def _calibrate_once(
         # on several threads the result differs from run to run
         with opencv_threads(1):
             fit = _fit_fisheye_lens if fisheye else _fit_normal_lens
-            matrix, distortion, errors_px = fit(object_points, image_points, size)
+            matrix, distortion, errors_px, focal_std = fit(object_points, image_points, size)
     except cv2.error as error:
         raise CameraError(f"these boards do not determine the intrinsics; {_ADVICE}.") from error
     counts = [len(points) for points in image_points]
     rms_px = float(np.sqrt(np.average(errors_px**2, weights=counts)))
-    report = CalibrationReport(rms_px, dict(zip(boards, errors_px.tolist(), strict=True)), rejected)
+    errors = dict(zip(boards, errors_px.tolist(), strict=True))
+    report = CalibrationReport(rms_px, errors, rejected, focal_std_share=focal_std)
     return Camera(*size, matrix, distortion.ravel(), report=report)
 
 
 def _fit_normal_lens(
     object_points: list[np.ndarray], image_points: list[np.ndarray], size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Camera matrix, five coefficients, and the root mean square error of each board, pixels."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """Camera matrix, five coefficients, the error of each board (RMS, pixels), and that of the focal length (share)."""
     # OpenCV's stubs do not say that None stands for no initial intrinsics
     _, matrix, distortion, *_, std, _, errors_px = cv2.calibrateCameraExtended(  # type: ignore[call-overload]
         object_points, image_points, size, None, None
     )
-    focal, focal_std = matrix[0, 0], std[0, 0]
-    # three tilted real boards reach 0.4 %
-    if not (np.isfinite(matrix).all() and focal_std <= 0.02 * focal):
+    focal, focal_std = float(matrix[0, 0]), float(std[0, 0])
+    if not (np.isfinite(matrix).all() and focal_std <= MAX_FOCAL_STD * focal):
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
-    return matrix, distortion, errors_px.ravel()
+    return matrix, distortion, errors_px.ravel(), focal_std / focal
 
 
 def _fit_fisheye_lens(
     object_points: list[np.ndarray], image_points: list[np.ndarray], size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """As `_fit_normal_lens`, with the four coefficients of a fisheye lens."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, float]:
+    """As `_fit_normal_lens`, with the four coefficients of a fisheye lens, and 0 for the unknown last error."""
     on_board, in_image = ([points.astype(float)[None] for points in group] for group in (object_points, image_points))
     # begins at a view of 180 degrees across the longer side
     focal_px = max(size) / np.pi
@@ -292,7 +348,7 @@ def _fit_fisheye_lens(
         np.sqrt(np.mean(np.sum((cv2.fisheye.projectPoints(o, r, t, matrix, distortion)[0] - i) ** 2, axis=-1)))
         for o, i, r, t in zip(on_board, in_image, turns, shifts, strict=True)
     ]
-    return matrix, distortion, np.array(errors_px)
+    return matrix, distortion, np.array(errors_px), 0.0
 
 
 def _count_views(boards: Mapping[str, Board]) -> int:
@@ -330,6 +386,11 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
         f"horizontal field of view {camera.hfov_deg:.1f} deg, distortion included",
         describe_coverage([detections.boards[name] for name in errors]),
     ]
+    if report.focal_std_share > DOUBTFUL_FOCAL_STD:
+        share = f"{report.focal_std_share:.1%}"
+        lines.append(
+            f"warning: the focal length is uncertain by {share}, and with it distances and curvature; {_ADVICE}"
+        )
     return "\n".join(lines)
 
 
@@ -347,8 +408,10 @@ def describe_coverage(boards: Iterable[Board]) -> str:
     return f"few or no corners in these regions of the picture: {', '.join(missing)}; add boards there"
 
 
-def _describe_uses(detections: BoardDetections, camera: Camera) -> dict[str, str]:
+def _describe_uses(detections: BoardDetections, camera: Camera | None) -> dict[str, str]:
     """Use of each picture, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
+    if camera is None:
+        return dict.fromkeys(detections.tiles, "board found") | detections.unused
     report = camera.require_report()
     uses = dict.fromkeys(detections.tiles, "used") | report.rejected
     for name in report.board_rms_px:
@@ -360,16 +423,17 @@ def _describe_uses(detections: BoardDetections, camera: Camera) -> dict[str, str
     return uses
 
 
-def draw_contact_sheet(detections: BoardDetections, camera: Camera) -> np.ndarray:
+def draw_contact_sheet(detections: BoardDetections, camera: Camera | None) -> np.ndarray:
     """Picture (height, width, 3), uint8 RGB, with a tile for each board picture, five in a row, and its corners.
 
     The frame of a tile is green if the picture was used, yellow if a part of the board was used, and red if the picture
-    was not used.
+    was not used. Without a camera, because the calibration was refused, it is yellow where a board was found.
     """
-    uses, errors = _describe_uses(detections, camera), camera.require_report().board_rms_px
+    uses, errors = _describe_uses(detections, camera), camera.require_report().board_rms_px if camera else {}
     tiles = []
     for name, tile in detections.tiles.items():
-        colour = LEFT_COLOUR if name not in errors else WINDOW_COLOUR if "corners" in uses[name] else LANE_COLOUR
+        in_part = "corners of the board" in uses[name] or (camera is None and name in detections.boards)
+        colour = WINDOW_COLOUR if in_part else LANE_COLOUR if name in errors else LEFT_COLOUR
         label = [name, f"{errors[name]:.2f} px, {uses[name]}" if name in errors else uses[name]]
         tiles.append(_draw_tile(tile, detections.boards.get(name), label, colour))
     columns = min(5, len(tiles))

@@ -20,9 +20,10 @@ import numpy as np
 import yaml
 
 from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
-from lanes.errors import CameraError, PictureError, require_number
+from lanes.errors import CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
+from lanes.values import ByValue
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
@@ -46,7 +47,7 @@ class CameraPose:
     >>> lanes.CameraPose(height_m=1.3, pitch_rad=0.03).describe()
     '1.30 m high, pitch 1.72, yaw 0.00, roll 0.00 deg'
 
-    Raises LaneError if the height is not positive, or a number is not finite.
+    Raises LaneError if the height is not positive, a number is not finite, or an angle is more than a right one.
     """
 
     height_m: float
@@ -57,6 +58,10 @@ class CameraPose:
     def __post_init__(self) -> None:
         for name, value in list(vars(self).items()):
             object.__setattr__(self, name, require_number(value, name))
+            if name != "height_m" and abs(getattr(self, name)) > np.pi / 2:
+                raise CameraError(
+                    f"{name} = {value:g} is more than a right angle; give radians: np.radians({value:g})."
+                )
         if self.height_m <= 0:
             raise CameraError(f"{self} is not a camera pose: the height must be positive.")
 
@@ -85,17 +90,19 @@ class CalibrationReport:
     """Result of a calibration: root mean square reprojection errors of all corners and of each board used.
 
     `board_rms_px` has the boards by the name of their picture, `rejected` the pictures that were not used, and why;
-    `date` is ISO 8601, today by default.
+    `date` is ISO 8601, today by default. `focal_std_share` is the standard deviation of the focal length as a share of
+    it; 0 if it is unknown.
     """
 
     rms_px: float
     board_rms_px: dict[str, float] = field(default_factory=dict)
     rejected: dict[str, str] = field(default_factory=dict)
     date: str = field(default_factory=lambda: date.today().isoformat())
+    focal_std_share: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(ByValue):
     """Intrinsics and pose of one camera at one image size.
 
     >>> camera = lanes.Camera.from_fov((1280, 720), hfov_deg=60)
@@ -107,7 +114,7 @@ class Camera:
         Image size that the intrinsics refer to.
     matrix : ndarray of shape (3, 3)
         Camera matrix (focal lengths and principal point, pixels).
-    distortion : ndarray of shape (5,), (8,) or (4,)
+    distortion : ndarray of shape (5,), (8,) or (4,), optional
         Coefficients in OpenCV's order. The number of them is the model, here with its name in ROS: five are
         Brown-Conrady's k1, k2, p1, p2, k3 (plumb_bob); eight have a denominator as well, k4, k5, k6
         (rational_polynomial); four are those of a fisheye lens (equidistant, `cv2.fisheye`).
@@ -120,16 +127,29 @@ class Camera:
         departure of a lane are those of the car.
     calibrated : bool
         Whether the intrinsics were measured, not derived from a field of view.
+
+    Raises CameraError if no camera has such intrinsics.
     """
 
     width: int
     height: int
     matrix: np.ndarray
-    distortion: np.ndarray
+    distortion: np.ndarray = field(default_factory=lambda: np.zeros(5))
     pose: CameraPose | None = None
     report: CalibrationReport | None = None
     offset_m: float = 0.0
     calibrated: bool = True
+
+    def __post_init__(self) -> None:
+        try:
+            matrix = np.asarray(self.matrix, float).reshape(3, 3)
+            distortion = np.asarray(self.distortion, float).ravel()
+        except (TypeError, ValueError) as error:
+            raise CameraError(f"this is no camera: matrix (3, 3) and distortion must be numbers ({error}).") from error
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion)
+        if fault := _fault_of_intrinsics(self.size, tuple(matrix.ravel().tolist()), tuple(distortion.tolist())):
+            raise CameraError(f"this is no camera: {fault}.")
 
     @classmethod
     def from_fov(
@@ -227,8 +247,9 @@ class Camera:
             distortion[[3, 2]] = axes @ distortion[[3, 2]]  # (p2, p1) is a vector in the image
         return replace(self, width=int(size[0]), height=int(size[1]), matrix=matrix, distortion=distortion)
 
-    def require_size(self, image: np.ndarray, name: object = "image") -> np.ndarray:
+    def require_size(self, image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
         """As `lanes.images.require_rgb`; also raises PictureError if the image has another size than the camera's."""
+        name = image if isinstance(image, str | Path) else name
         image = require_rgb(image, name)
         height, width = image.shape[:2]
         if (width, height) == self.size:
@@ -468,6 +489,7 @@ def camera_to_dict(camera: Camera) -> dict:
             "board_rms_px": {name: round(float(error), 4) for name, error in report.board_rms_px.items()},
             "rejected": dict(report.rejected),
             "date": report.date,
+            "focal_std_share": round(float(report.focal_std_share), 4),
         }
     return content
 
@@ -510,7 +532,8 @@ def camera_from_dict(content: dict) -> Camera:
     matrix = np.array(content["camera_matrix"]["data"], float).reshape(3, 3)
     distortion = parse_distortion(content.get("distortion_model"), content["distortion_coefficients"]["data"])
     size = int(content["image_width"]), int(content["image_height"])
-    _require_valid_intrinsics(matrix, distortion, size)
+    if not (0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]):
+        raise ValueError("its principal point is not in the image")
     pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     offset_m = require_camera_offset(content.get("camera_offset_m", 0.0))
@@ -527,30 +550,37 @@ def require_camera_offset(offset_m: object) -> float:
     return offset_m
 
 
-def _require_valid_intrinsics(matrix: np.ndarray, distortion: np.ndarray, size: tuple[int, int]) -> None:
-    if not (np.isfinite(matrix).all() and np.isfinite(distortion).all()):
-        raise ValueError("its intrinsics are not finite")
+def require_camera(camera: object) -> Camera:
+    """The camera; raises LaneError if it is none."""
+    return require_type(camera, Camera, "camera", "make one with Camera.from_fov, or read one with load_camera")
+
+
+@lru_cache(maxsize=32)
+def _fault_of_intrinsics(size: tuple[int, int], matrix: tuple[float, ...], distortion: tuple[float, ...]) -> str:
+    """Why no camera has these intrinsics, or nothing. Cached as `_largest_ray` is."""
+    (width, height), (fx, skew, _, zero, fy, _, *last) = size, matrix
+    shortest, longest = 0.1 * width, 60 * width  # fields of view from 157 degrees to 1 degree
+    if not np.isfinite([*matrix, *distortion]).all():
+        return "its intrinsics are not finite"
+    if len(distortion) not in DISTORTION_MODELS:
+        return f"it has {len(distortion)} distortion coefficients, not 4, 5 or 8"
     # Lenses of long focal length have coefficients of several hundred; larger ones overflow the polynomial.
-    if np.abs(distortion).max() > 1e6:
-        raise ValueError("a distortion coefficient is not between -1e+06 and 1e+06")
-    if not (min(size) > 0 and size[0] * size[1] <= MAX_PIXELS):
-        raise ValueError(f"{size[0]} x {size[1]} is not a valid picture size")
-    # fields of view from 157 degrees to 1 degree
-    shortest, longest = 0.1 * size[0], 60 * size[0]
-    if not all(shortest <= focal_px <= longest for focal_px in (matrix[0, 0], matrix[1, 1])):
-        raise ValueError(f"a focal length is not between {shortest:g} and {longest:g} pixels")
+    if max(map(abs, distortion)) > 1e6:
+        return "a distortion coefficient is not between -1e+06 and 1e+06"
+    if not (min(size) > 0 and width * height <= MAX_PIXELS):
+        return f"{width} x {height} is not a valid picture size"
+    if not (shortest <= fx <= longest and shortest <= fy <= longest):
+        return f"a focal length is not between {shortest:g} and {longest:g} pixels"
     # a sensor has square corners: more is another lens model's shift
-    if abs(matrix[0, 1]) > MAX_SKEW * matrix[0, 0]:
-        raise ValueError(f"a skew of {matrix[0, 1]:g} is more than {MAX_SKEW:g} of the focal length")
-    centre_inside = 0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]
-    if not centre_inside or matrix[1, 0] or (matrix[2] != [0, 0, 1]).any():
-        raise ValueError("its camera matrix is not valid")
+    if abs(skew) > MAX_SKEW * fx:
+        return f"a skew of {skew:g} is more than {MAX_SKEW:g} of the focal length"
+    return "its camera matrix is not valid" if zero or last != [0, 0, 1] else ""
 
 
 def _parse_pose(content: dict) -> CameraPose:
     pose = CameraPose(**{name: float(value) for name, value in content.items()})
     # lorries carry their cameras at 2.5 m
-    if pose.height_m > 20 or max(map(abs, (pose.pitch_rad, pose.yaw_rad, pose.roll_rad))) > np.pi / 2:
+    if pose.height_m > 20:
         raise ValueError(f"a camera {pose.describe()} does not see the road")
     return pose
 
@@ -558,4 +588,5 @@ def _parse_pose(content: dict) -> CameraPose:
 def _parse_report(content: dict) -> CalibrationReport:
     errors = {str(name): float(error) for name, error in content["board_rms_px"].items()}
     rejected = {str(name): str(reason) for name, reason in content.get("rejected", {}).items()}
-    return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]))
+    focal_std_share = float(content.get("focal_std_share", 0.0))
+    return CalibrationReport(float(content["rms_px"]), errors, rejected, str(content["date"]), focal_std_share)

@@ -42,13 +42,15 @@ MAX_UNEVENNESS = 0.07
 class Board:
     """Inner corners of a chessboard, or of a part of it, detected in an image of `size` (width, height).
 
-    `corners_px` (columns * rows, 2), float32, are pixels (u, v), row by row.
+    `corners_px` (columns * rows, 2), float32, are pixels (u, v), row by row. A `doubtful` board is a complete one
+    whose corners are not evenly spaced or not all between squares: of a fisheye lens, or a wrong detection.
     """
 
     corners_px: np.ndarray
     columns: int
     rows: int
     size: tuple[int, int]
+    doubtful: bool = False
 
     @property
     def object_points(self) -> np.ndarray:
@@ -57,15 +59,16 @@ class Board:
         return np.column_stack([x.ravel(), y.ravel(), np.zeros(x.size)]).astype(np.float32)
 
 
-def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | None:
+def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6), *, doubtful: bool = False) -> Board | None:
     """Inner corners of a chessboard, or of its largest visible part; None without a grid of at least 5 x 4 corners.
 
     The sector-based detector (Duda and Frese, BMVC 2018) is the first choice, the classic one, which finds boards in
     the dark and in glare, the second, and a part of the board the third. All corners are then refined to sub-pixel
     accuracy (`cv2.cornerSubPix`), which halves the largest error on the rendered boards.
 
-    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). Raises
-    PictureError if the image is not RGB, and CameraError if `pattern` is smaller than 3 x 3.
+    `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). With
+    `doubtful`, a complete board that fails the tests is the last choice. Raises PictureError if the image is not RGB,
+    and CameraError if `pattern` is smaller than 3 x 3.
     """
     image = require_rgb(image)
     if min(pattern) < 3:
@@ -77,14 +80,14 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6)) -> Board | 
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
     # the sector-based detector draws random numbers
     cv2.setRNGSeed(0)
-    grid = _find_full_board(small, pattern)
-    if grid is None:
-        grid = _find_partial_board(small, pattern)
-    if grid is None:
+    grid, is_sure = _find_full_board(small, pattern)
+    if not is_sure and (part := _find_partial_board(small, pattern)) is not None:
+        grid, is_sure = part, True
+    if grid is None or not (is_sure or doubtful):
         return None
     grid = _refine_corners(gray, resize_points(grid, scale))
     rows, columns, _ = grid.shape
-    return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]))
+    return Board(grid.reshape(-1, 2).astype(np.float32), columns, rows, (image.shape[1], image.shape[0]), not is_sure)
 
 
 def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
@@ -92,20 +95,22 @@ def draw_board(image: np.ndarray, board: Board) -> np.ndarray:
     return cv2.drawChessboardCorners(require_rgb(image).copy(), (board.columns, board.rows), board.corners_px, True)
 
 
-def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
-    """All corners of the board, (rows, columns, 2), or None."""
+def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.ndarray | None, bool]:
+    """All corners of the board, (rows, columns, 2), or None; and whether they are those of a chessboard."""
     columns, rows = pattern
     # CALIB_CB_NORMALIZE_IMAGE is not set: it moved the corners of a large real board by pixels. CALIB_CB_ACCURACY is
     # not set: it takes four times as long, and the corners are refined later.
-    found, corners = cv2.findChessboardCornersSB(gray, pattern, flags=0)
-    if found and _is_chessboard(gray, grid := corners.reshape(rows, columns, 2), MOST_CORNERS):
-        return grid
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
     smooth = cv2.GaussianBlur(gray, (0, 0), TEXTURE_BLUR_PX)
-    found, corners = cv2.findChessboardCorners(smooth, pattern, flags=flags)
-    if found and _is_chessboard(gray, grid := corners.reshape(rows, columns, 2), MOST_CORNERS):
-        return grid
-    return None
+    unsure = None
+    for find, seen, options in ((cv2.findChessboardCornersSB, gray, 0), (cv2.findChessboardCorners, smooth, flags)):
+        found, corners = find(seen, pattern, flags=options)
+        if found:
+            grid = corners.reshape(rows, columns, 2)
+            if _is_chessboard(gray, grid, MOST_CORNERS):
+                return grid, True
+            unsure = grid if unsure is None else unsure
+    return unsure, False
 
 
 def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:

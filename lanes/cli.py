@@ -10,6 +10,7 @@ import sys
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import replace
+from difflib import get_close_matches
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -25,7 +26,7 @@ from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
 from lanes.draw import STYLES
-from lanes.errors import CameraError, LaneError
+from lanes.errors import CameraError, LaneError, PoseError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among
@@ -35,7 +36,7 @@ from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
-from lanes.sources import Sources, find_sources, sample_images
+from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.process import read_frames
 from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video
@@ -66,7 +67,12 @@ class Calibrate:
         paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
-        camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        try:
+            camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        except CameraError:
+            if options.sheet:
+                print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, None))}")
+            raise
         print(describe_calibration(detections, camera))
         print(f"wrote {save_camera(camera, options.output)}")
         if options.sheet:
@@ -114,6 +120,11 @@ class Pose:
             progress=progress_line("pose"),
             markings=settings.markings,
         )
+        if not estimate.frames_used:
+            raise PoseError(
+                f"{options.files[0]}: none of {estimate.frames_total} pictures shows a likely lane, so the pose is "
+                "unknown and no file is written; give pictures of a marked road by day, or another --hfov."
+            )
         print(estimate.describe())
         print(estimate.describe_accuracy())
         print(f"wrote {save_camera(estimate.camera, options.output)}")
@@ -202,8 +213,8 @@ class Detect:
         add_lens(parser, each=True)
         add_scale(parser)
         add_part(parser)
-        words = "picture rows, TO excluded (default: %(default)s)"
-        parser.add_argument("--rows", type=row_range, default="420:701:10", metavar="FROM:TO:STEP", help=words)
+        words = "picture rows, TO excluded (default: by the height; of pictures 720 high 420:701:10)"
+        parser.add_argument("--rows", type=row_range, metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
         words = "frames per second of --sequence (default: %(default)s)"
         parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
@@ -395,7 +406,7 @@ def main(arguments: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     words = "one of the commands below; COMMAND --help describes it"
-    parser.add_argument("command", choices=COMMANDS, metavar="COMMAND", help=words)
+    parser.add_argument("command", type=command_name, metavar="COMMAND", help=words)
     parser.add_argument("--version", action="version", version=f"lanes {__version__}")
     name = parser.parse_args(arguments[:1]).command
     return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
@@ -404,6 +415,15 @@ def main(arguments: list[str] | None = None) -> int:
 def installed_command() -> None:
     """The command `lanes` of an installation."""
     run_program(main)
+
+
+def command_name(text: str) -> str:
+    """An argparse type: the name of a command; for another word the error proposes the nearest one."""
+    if text in COMMANDS:
+        return text
+    nearest = get_close_matches(text, COMMANDS, 1, cutoff=0.4)
+    hint = f"did you mean {nearest[0]}? The" if nearest else "the"
+    raise argparse.ArgumentTypeError(f"there is no command {text}; {hint} commands are {', '.join(COMMANDS)}")
 
 
 # Options that several commands share.
@@ -471,6 +491,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
             print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
     if options.lens and options.hfov is None:
         raise ValueError("--lens is that of a field of view; give --hfov as well, or omit it.")
+    require_topic(sources.files, options.topic)
     camera = field = None
     quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
     if options.camera:

@@ -29,10 +29,10 @@ from lanes.video.process import read_frames
 from lanes.video.reader import TimedFrame
 
 
-def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -> Iterator[dict]:
+def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int] | None = None) -> Iterator[dict]:
     """Track the lane through a video; yields a detection per frame, with the columns of the lines at image `rows`.
 
-    Prints the pose if it is estimated. Errors are those of `annotate`.
+    By default the rows are `usual_rows`. Prints the pose if it is estimated. Errors are those of `annotate`.
     """
     info, camera, pose = prepare_drive(video, settings)
     if pose:
@@ -48,7 +48,7 @@ def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int]) -
 
 
 def detect_in_sequence(
-    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], *, fps: float
+    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int] | None = None, *, fps: float
 ) -> Iterator[dict]:
     """Track the lane through stills that are consecutive frames, `fps` per second; otherwise as `detect_in_video`."""
     camera = settings.camera_for(read_image(stills[0]).shape[1::-1], stills[0])
@@ -63,7 +63,7 @@ def detect_in_sequence(
 
 
 def detect_in_stills(
-    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int], failures: list[LaneError]
+    stills: Sequence[Path], settings: DriveSettings, rows: Sequence[int] | None, failures: list[LaneError]
 ) -> Iterator[dict]:
     """Find the lane in each still independently, as `detect_in_video`; errors of unusable stills go to `failures`."""
     said = None
@@ -77,9 +77,17 @@ def detect_in_stills(
         yield {"raw_file": str(still.path)} | as_detection(lane, still.detection.camera, rows, still.run_time_ms)
 
 
-def as_detection(lane: Lane | None, camera: Camera, rows: Sequence[int] | np.ndarray, run_time_ms: float) -> dict:
+def usual_rows(height: int) -> range:
+    """The lower rows of an image at which a lane is detected; of one 720 px high 420, 430, ... 700."""
+    step = max(round(height / 72), 1)
+    return range(42 * step, min(71 * step, height), step)
+
+
+def as_detection(
+    lane: Lane | None, camera: Camera, rows: Sequence[int] | np.ndarray | None, run_time_ms: float
+) -> dict:
     """The detection in one image, without the file's name."""
-    rows = np.asarray(rows)
+    rows = np.asarray(usual_rows(camera.height) if rows is None else rows)
     lanes = np.full((2, len(rows)), NO_POINT) if lane is None else lane.columns(camera, rows)
     adjacent = lane.adjacent if lane else (None, None)
     far = {f"far {side}": line for side, line in zip(("left", "right"), adjacent, strict=True) if line}

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
 from lanes.canvas import (
     FAR_LEFT_COLOUR,
     FAR_RIGHT_COLOUR,
@@ -45,7 +46,7 @@ STYLES = ("lane", "lines", "mosaic")
 
 
 def draw_lane(
-    image: np.ndarray,
+    image: np.ndarray | str | Path,
     lane: Lane | None,
     camera: Camera,
     *,
@@ -57,7 +58,7 @@ def draw_lane(
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8
+    image : ndarray of shape (height, width, 3), uint8, or path
         RGB.
     style : {"lane", "lines", "mosaic"}
         The filled lane, its two lines, or a mosaic with intermediate results.
@@ -75,7 +76,7 @@ def draw_lane(
     """
     if style not in STYLES:
         raise ValueError(f"there is no style {style!r}; the styles are {', '.join(STYLES)}.")
-    image = camera.require_size(image)
+    image = require_camera(camera).require_size(image)
     outlines = lane_outlines(lane, camera) if lane else None
     # copied last, because a whole image evicts everything else from the processor's cache
     drawn = image.copy() if onto is None else onto

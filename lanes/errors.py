@@ -5,6 +5,9 @@ from __future__ import annotations
 import math
 from contextlib import suppress
 from numbers import Real
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 class LaneError(ValueError):
@@ -21,6 +24,14 @@ def require_number(value: object, name: str, *, positive: bool = False, finite: 
         kind = "positive " if positive else "finite " if finite else ""
         raise LaneError(f"{name} must be a {kind}number; got {value!r}.")
     return number
+
+
+def require_type(value: Any, kind: type[T], name: str, remedy: str = "") -> T:
+    """The value, if it is of that kind; raises LaneError with the remedy otherwise."""
+    if not isinstance(value, kind):
+        remedy = remedy or f"make them with {kind.__name__}(name=value), or omit them"
+        raise LaneError(f"{name} must be {kind.__name__}, not {type(value).__name__}; {remedy}.")
+    return value
 
 
 class PictureError(LaneError):

@@ -10,10 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
 from lanes.describe import describe_bend
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
 from lanes.detect.evidence import Evidence
@@ -26,6 +27,7 @@ from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
 from lanes.track.pose_change import describe_wrong_yaw
 from lanes.track.tracker import LaneTracker
+from lanes.values import ByValue
 from lanes.video.reader import TimedFrame
 
 # Advice if the pose may be wrong: one that was given, and one that was estimated from the files that are explained.
@@ -50,7 +52,7 @@ class Step:
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class Candidate(ByValue):
     """A lane that was fitted to the stripes; `reason` describes it, and says why it was rejected if it was."""
 
     model: np.ndarray  # (15,), see `lanes.detect.road`
@@ -59,7 +61,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False)
-class Explanation:
+class Explanation(ByValue):
     """A raw RGB image (height, width, 3), uint8, and the result of every detection step in it.
 
     `steps` are in order of execution; only the last one may have failed. `detection` is None if the camera sees no
@@ -104,16 +106,22 @@ class Explanation:
         rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
 
+    __str__ = describe
+
     def __repr__(self) -> str:
         return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
 
 
 def explain(
-    image: np.ndarray, camera: Camera, *, detection: StillDetection | None = None, pose_doubt: str | None = None
+    image: np.ndarray | str | Path,
+    camera: Camera,
+    *,
+    detection: StillDetection | None = None,
+    pose_doubt: str | None = None,
 ) -> Explanation:
-    """Every step of the lane detection in a raw RGB image, with its result in words.
+    """Every step of the lane detection in a raw RGB image, or a path of one, with its result in words.
 
-    >>> print(lanes.explain(image, camera).describe())  # doctest: +SKIP
+    >>> print(lanes.explain(image, camera))  # doctest: +SKIP
 
     Parameters
     ----------
@@ -130,7 +138,7 @@ def explain(
     CameraError
         If the camera has no pose.
     """
-    image = camera.require_size(image)
+    image = require_camera(camera).require_size(image)
     try:
         detection = detection or detect_still(image, camera)
     except CameraError as error:

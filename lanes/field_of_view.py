@@ -8,7 +8,7 @@ curvatures to its inverse square.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -60,16 +60,26 @@ class FieldOfView:
             return self.hfov_deg
         return float(np.degrees(2 * np.arctan(np.tan(np.radians(self.hfov_deg) / 2) * width / height)))
 
-    def describe(self) -> str:
-        """One sentence with value and source; if it is doubtful also the effect of an error and what to do."""
+    def camera(self, size: tuple[int, int]) -> Camera:
+        """The uncalibrated camera of images of `size` (width, height)."""
+        return Camera.from_fov(size, self.across(size), lens=self.lens)
+
+    def warn(self) -> FieldOfView:
+        """The same; if it is doubtful, a warning says so, which Python shows once in a process."""
+        if self.doubtful:
+            warnings.warn(self.describe("Give a camera."), stacklevel=1)
+        return self
+
+    def describe(self, remedy: str = "Give --hfov or --boards.") -> str:
+        """One sentence with value and source; if it is doubtful also the effect of an error, and the remedy."""
         if self.doubtful and not self.assumed:
             return f"{self.words}. {self._describe_wide()}"
-        effect = (
-            f", {self.source}; it is that of the longer side. Offset and lane width do not depend on it, but distances "
-            "and curvature do: if the true "
-            "value is 50 (70) deg, the curvature is 1.5 times too strong (too weak). Give --hfov or --boards."
+        if not self.assumed:
+            return self.words
+        return (
+            f"{self.words}{self.source and f', {self.source}'}: offset and width do not depend on it, but if it is "
+            f"50 (70) deg, the curvature is 1.5 times too strong (too weak). {remedy}"
         )
-        return f"{self.words}{effect if self.assumed else ''}"
 
     def _describe_wide(self) -> str:
         """What a wide field of view alone does not say, and what to do."""
@@ -142,13 +152,19 @@ def _camera_of(entries: dict[str, Any], size: tuple[int, int], *, rectified: boo
     return cropped.scaled(size)
 
 
+def find_camera(size: tuple[int, int], files: Sequence[Path] = (), topic: str | None = None) -> Camera:
+    """The camera of images of `size` in files of which nobody gave one; warns if its field of view is doubtful."""
+    camera = read_log_camera(files[0], topic) if files else None
+    return camera.scaled(size) if camera else find_field_of_view(files, topic).warn().camera(size)
+
+
 def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> FieldOfView:
     """Horizontal field of view of the first file with EXIF entries or a calibration, otherwise `DEFAULT_HFOV_DEG`.
 
     Raises LaneError or OSError if all files are robot logs that cannot be used.
     """
     failures: list[OSError | LaneError] = []
-    reason = "because neither the command nor the files name one"
+    reason = ""
     files = list(files)
     for file in files:
         if kind_of_file(file) == "picture":

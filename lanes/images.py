@@ -48,11 +48,14 @@ MAX_PIXELS = 128_000_000
 MAX_PICTURE_BYTES = 3 * MAX_PIXELS
 
 
-def require_rgb(image: np.ndarray, name: object = "image") -> np.ndarray:
+def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
     """The image, contiguous in memory as OpenCV and FFmpeg need it: a copy only of a view with other strides.
 
-    Raises PictureError if it is not an array (height, width, 3), uint8, with at least one pixel.
+    The path of a picture stands for its image. Raises PictureError if it is not an array (height, width, 3), uint8,
+    with at least one pixel, and what `read_image` raises.
     """
+    if isinstance(image, str | Path):
+        return read_image(image)
     if not isinstance(image, np.ndarray) or image.ndim != 3 or image.shape[2] != 3 or image.dtype != np.uint8:
         got = f"shape {image.shape}, dtype {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
         raise PictureError(

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from itertools import chain, islice
+from itertools import chain, count, islice
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -23,11 +23,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR, DetectorSettings
-from lanes.errors import CameraError, PoseError
+from lanes.errors import CameraError, PoseError, require_type
+from lanes.field_of_view import find_camera
+from lanes.images import require_rgb
 from lanes.pose_votes import (
     PRIOR_HEIGHT_LOG_STD,
     PRIOR_HEIGHT_M,
@@ -41,8 +43,9 @@ from lanes.pose_votes import (
     table,
     weighted_median,
 )
-from lanes.sources import find_sources, sample_images
+from lanes.sources import find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
+from lanes.values import ByValue
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
@@ -71,7 +74,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, eq=False)
-class PoseEstimate:
+class PoseEstimate(ByValue):
     """The camera with the estimated pose, and the standard deviations of the pose.
 
     `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with a likely lane
@@ -167,7 +170,7 @@ def _describe_angle(angle_rad: float, std_rad: float, positive: str, negative: s
 
 def estimate_pose(
     source: str | Path | np.ndarray | Iterable[str | Path | np.ndarray],
-    camera: Camera,
+    camera: Camera | None = None,
     *,
     lane_width_m: float | None = None,
     height_m: float | None = None,
@@ -183,8 +186,9 @@ def estimate_pose(
 
     >>> camera = lanes.estimate_pose("drive.mp4", camera).camera  # doctest: +SKIP
 
-    Only the intrinsics of `camera` are used; an existing pose is ignored. In a single image the lane is looked for with
-    several poses; the estimate is that of the most probable lane, and `PoseEstimate.still` holds the lane.
+    Only the intrinsics of `camera` are used; an existing pose is ignored. Without a camera they are those of the files
+    (`camera_info`, EXIF), or of a horizontal field of view of 60 degrees, and a warning says so. In a single image the
+    lane is looked for with several poses; the estimate is that of the most probable lane, `PoseEstimate.still`.
 
     Parameters
     ----------
@@ -201,7 +205,7 @@ def estimate_pose(
     start_s, end_s, topic
         Part of each video, seconds since its first frame; topic of the images in robot logs, by default the only one.
     progress : callable, optional
-        Called with (images done, images in all).
+        Called with (searches done, searches in all): most images are searched twice.
     markings : callable, optional, as for `lanes.find_lane`
 
     Raises
@@ -217,11 +221,18 @@ def estimate_pose(
         raise PoseError(f"a lane {lane_width_m} m wide is not plausible; give 2 to 6 metres.")
     if height_m is not None and not HEIGHT_RANGE_M[0] <= height_m <= HEIGHT_RANGE_M[1]:
         raise PoseError(f"a camera {height_m} m above the road is not plausible; give 0.5 to 4.5 metres.")
+    require_type(settings, DetectorSettings, "settings")
     files, images = _list_images(source)
+    require_topic(files, topic)
+    if files and camera is None:
+        camera = find_camera(next(sample_images(files, 1, topic=topic)).shape[1::-1], files, topic)
     if files:
         part: dict[str, Any] = {"start_s": start_s, "end_s": end_s, "topic": topic}
-        images = sample_images(files, max_pictures, require=camera.require_size, **part)
+        images = sample_images(files, max_pictures, require=require_camera(camera).require_size, **part)
     first = list(islice(images, 1))
+    if not first:
+        raise PoseError("no picture was given; name stills or a video of the drive.")
+    camera = require_camera(camera or find_camera(require_rgb(first[0], "picture 1").shape[1::-1]))
     try:
         resized, resized_camera = _resize(chain(first, images), camera)
     except PoseError as error:
@@ -353,8 +364,6 @@ def _resize(images: Iterable[np.ndarray], camera: Camera) -> tuple[list[np.ndarr
     for number, image in enumerate(images, 1):
         image = camera.require_size(image, f"picture {number}")
         resized.append(image if camera.size == size else cv2.resize(image, size, interpolation=interpolation))
-    if not resized:
-        raise PoseError("no picture was given; name stills or a video of the drive.")
     return resized, resized_camera
 
 
@@ -368,15 +377,20 @@ def _pose_from_lanes(
     settings: DetectorSettings,
 ) -> PoseEstimate:
     """The pose of several images: the median of what the lanes in them show, more than once with a better pose."""
-    pose, rivals = first_pose(_first_images(images), camera, lane_width_m, height_m, markings, settings)
+    first, searched = _first_images(images), count(1)
+
+    def counted(some: Iterable[np.ndarray]) -> Iterator[np.ndarray]:
+        for image in some:
+            yield image
+            if progress:
+                progress(next(searched), len(first) + 2 * len(images))
+
+    pose, rivals = first_pose(counted(first), camera, lane_width_m, height_m, markings, settings)
     shown: list[Shown] = []
     for last in (False, True):
         camera = camera.with_pose(median_pose(table(shown), pose, height_m) if last else pose)
-        shown = []
-        for done, image in enumerate(images, 1):
-            shown.append(shown_by(detect_still(image, camera, settings, markings=markings), lane_width_m))
-            if last and progress:
-                progress(done, len(images))
+        stills = (detect_still(image, camera, settings, markings=markings) for image in counted(images))
+        shown = [shown_by(still, lane_width_m) for still in stills]
     return _summarise(table(shown), camera, rivals, lane_width_m, height_m)
 
 

@@ -11,7 +11,7 @@ more are needed for a roll that is unusual.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -154,7 +154,7 @@ class Rivals(NamedTuple):
 
 
 def first_pose(
-    images: list[np.ndarray],
+    images: Iterable[np.ndarray],
     camera: Camera,
     lane_width_m: float,
     height_m: float | None,

@@ -17,6 +17,7 @@ from lanes.files import MESSAGES_SUFFIX, list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
 from lanes.video.log_reader import is_bag_folder
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
+from lanes.video.robot_log import is_robot_log
 
 # Reading this much of a video takes about as long as reopening it at another time.
 SEEK_S = 2.0
@@ -49,6 +50,11 @@ def find_sources(names: Iterable[str]) -> Sources:
     """
     files: dict[Path, str] = {}
     skipped: list[Path] = []
+    names = list(names)
+    if not names:
+        raise FileNotFoundError(
+            "no file is named; give a picture, a video, a folder or a pattern such as drives/*.mp4."
+        )
     for name in names:
         in_folder = bool(name) and Path(name).is_dir() and not is_bag_folder(name)
         found = {path: path.name.endswith(MESSAGES_SUFFIX) for path in _files(name)}
@@ -61,6 +67,13 @@ def find_sources(names: Iterable[str]) -> Sources:
         raise FileNotFoundError(f"{skipped[0]}: was written by annotate; name the log that it is of.")
     videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "picture"))
     return Sources(videos, stills, tuple(skipped))
+
+
+def require_topic(files: Iterable[Path], topic: str | None) -> None:
+    """Raise VideoError if a topic is given, but none of the files is a robot log."""
+    files = list(files)
+    if topic is not None and files and not any(map(is_robot_log, files)):
+        raise VideoError(f"{files[0]}: is no robot log and has no topics, so none is named {topic!r}; omit the topic.")
 
 
 def require_distinct_outputs(inputs: Sequence[Path], outputs: Sequence[Path]) -> None:

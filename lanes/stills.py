@@ -9,16 +9,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import log_odds
 from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, find_mask
 from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
+from lanes.errors import require_type
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
@@ -49,7 +51,11 @@ class StillDetection:
 
 
 def find_lane(
-    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+    image: np.ndarray | str | Path,
+    camera: Camera,
+    settings: DetectorSettings = DETECTOR,
+    *,
+    markings: Markings | None = None,
 ) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
@@ -57,7 +63,7 @@ def find_lane(
 
     Parameters
     ----------
-    image : ndarray of shape (height, width, 3), uint8
+    image : ndarray of shape (height, width, 3), uint8, or path
         RGB, raw.
     camera : Camera
         The camera that took it, with its pose.
@@ -77,11 +83,16 @@ def find_lane(
 
 
 def detect_still(
-    image: np.ndarray, camera: Camera, settings: DetectorSettings = DETECTOR, *, markings: Markings | None = None
+    image: np.ndarray | str | Path,
+    camera: Camera,
+    settings: DetectorSettings = DETECTOR,
+    *,
+    markings: Markings | None = None,
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
-    mask = find_mask(camera.require_size(image), markings)
-    return _search(find_evidence(image, _view_of(camera, settings), settings.paint, mask=mask), settings)
+    image = require_camera(camera).require_size(image)
+    paint, mask = require_type(settings, DetectorSettings, "settings").paint, find_mask(image, markings)
+    return _search(find_evidence(image, _view_of(camera, settings), paint, mask=mask), settings)
 
 
 def search_at_heights(

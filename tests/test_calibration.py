@@ -19,7 +19,7 @@ from lanes.calibration import (
     describe_calibration,
     draw_contact_sheet,
 )
-from lanes.camera import Camera
+from lanes.camera import Camera, load_camera, save_camera
 from lanes.chessboard import Board
 from lanes.errors import CameraError
 from lanes.images import read_image
@@ -249,6 +249,41 @@ def test_wide_lenses_get_the_model_that_fits(fov_deg):
     assert camera.report.rejected == {} and camera.report.rms_px < 0.4
     if camera.is_fisheye:
         assert camera.hfov_deg == pytest.approx(true.hfov_deg, abs=1)
+
+
+def test_doubtful_boards_are_used_if_a_fisheye_lens_explains_them():
+    true, boards = wide_boards(175)
+    boards = {name: replace(board, doubtful=int(name[:-4]) % 2 == 0) for name, board in boards.items()}
+    skipped = boards["4.jpg"].corners_px.reshape(6, 9, 2)[[0, 1, 2, 4, 5, 5]] + np.float32([[[0, 0]]] * 5 + [[[0, 9]]])
+    boards["skipped.jpg"] = replace(boards["4.jpg"], corners_px=skipped.reshape(-1, 2))
+    camera = calibrate_boards(boards)
+    assert camera.is_fisheye and camera.matrix[0, 0] == pytest.approx(true.matrix[0, 0], rel=0.005)
+    assert set(camera.report.rejected) == {"skipped.jpg"} and "it is no board" in camera.report.rejected["skipped.jpg"]
+    few = {name: board for name, board in boards.items() if board.doubtful or name in ("1.jpg", "3.jpg")}
+    assert len(calibrate_boards(few).report.board_rms_px) == 9  # two sure boards alone do not determine a lens
+
+
+def test_doubtful_boards_of_a_normal_lens_are_not_used():
+    true, boards = wide_boards(60)
+    boards["3.jpg"] = replace(boards["3.jpg"], doubtful=True)
+    report = calibrate_boards(boards).report
+    assert set(report.rejected) == {"3.jpg"} and "the lens is no fisheye lens" in report.rejected["3.jpg"]
+
+
+def test_an_uncertain_focal_length_is_written_as_such(tmp_path):
+    """Three boards, of which two are hardly tilted; with three times the noise they are refused."""
+    boards = {f"{n}.jpg": true_board(n, noise_px=0.25) for n in (1, 6, 17)}
+    camera = calibrate_boards(boards)
+    share = load_camera(save_camera(camera, tmp_path / "camera.yaml")).report.focal_std_share
+    assert 0.02 < share < 0.04 and abs(camera.matrix[0, 0] / DASHCAM.matrix[0, 0] - 1) < 3 * share
+    tiles = {name: np.zeros((225, 400, 3), np.uint8) for name in boards}
+    text = describe_calibration(BoardDetections(tiles, (9, 6), boards, {}), camera)
+    assert f"warning: the focal length is uncertain by {share:.1%}" in text
+    assert "warning" not in describe_calibration(
+        BoardDetections(tiles, (9, 6), boards, {}), calibrate_boards({n: true_board(int(n[:-4])) for n in boards})
+    )
+    with pytest.raises(CameraError, match=r"do not determine the focal length \(\d+ \+- \d+ px\)"):
+        calibrate_boards({f"{n}.jpg": true_board(n, noise_px=0.8) for n in (1, 6, 17)})
 
 
 def test_boards_that_fit_no_lens_are_refused():

@@ -155,7 +155,7 @@ def test_a_skew_is_that_of_the_projection():
     matrix = LENS.matrix + [[0, 4.5, 0], [0, 0, 0], [0, 0, 0]]
     camera = replace(LENS, matrix=matrix)
     road_m = np.array([[6.0, 2.0], [15.0, -1.5], [40.0, 3.0]])
-    flat = replace(LENS, matrix=np.eye(3)).road_to_pixels(road_m)
+    flat = replace(LENS, matrix=np.diag([1000.0, 1000, 1])).road_to_pixels(road_m) / 1000
     expected = np.column_stack([flat, np.ones(3)]) @ matrix.T
     np.testing.assert_allclose(camera.road_to_pixels(road_m), expected[:, :2], atol=1e-9)
     np.testing.assert_allclose(camera.pixels_to_road(expected[:, :2]), road_m, rtol=1e-6)

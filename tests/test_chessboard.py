@@ -138,6 +138,15 @@ def test_other_patterns_are_found_and_larger_ones_only_in_part():
     assert sorted((part.columns, part.rows)) == [5, 7]
 
 
+def test_a_complete_board_that_fails_the_tests_is_doubtful(monkeypatch):
+    """So does one near the border of a fisheye lens. Whether that explains it is for the calibration to decide."""
+    monkeypatch.setattr("lanes.chessboard.MAX_UNEVENNESS", 1e-4)
+    image, true_px = picture(12)
+    assert find_board(image) is None
+    board = find_board(image, doubtful=True)
+    assert board.doubtful and (board.columns, board.rows) == (9, 6) and errors_px(board, true_px).max() < 0.5
+
+
 def test_object_points_are_in_the_order_of_the_corners():
     board = Board(np.zeros((12, 2), np.float32), 4, 3, (10, 10))
     assert board.object_points.tolist()[:5] == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0], [0, 1, 0]]

@@ -104,7 +104,7 @@ def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
 def test_an_assumed_field_of_view_is_a_warning(drive, tmp_path, run):
     status, out, err = run("annotate", drive / "stills", "-o", tmp_path)
     assert status == 0 and "lane found in 3" in out
-    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed, .* Give --hfov or --boards\.\n", err)
+    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed: .{60,110} Give --hfov or --boards\.\n", err)
 
 
 # --- pose
@@ -237,6 +237,15 @@ MISUSE = {
     "no workers": (2, "1 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --workers 0"),
     "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
     "not writable": (1, "cannot be written", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}/file/out"),
+    "unknown command": (2, "there is no command anotate; did you mean annotate?", "anotate {drive}/drive.mp4"),
+    "no command like it": (2, "there is no command zzz; the commands are calibrate, pose,", "zzz {drive}/drive.mp4"),
+    "topic of an mp4": (2, "drive.mp4: is no robot log", f"{ANNOTATE} {{drive}}/drive.mp4 --topic /front"),
+    "pose: no lane": (
+        1,
+        "none of 1 pictures shows a likely lane, so the pose is unknown",
+        "pose {drive}/sky --hfov 60",
+    ),
+    "detect: topic of a still": (2, "sky.png: is no robot log", f"{DETECT} {{drive}}/sky --topic /front"),
     "pose: odd lane": (2, "2 to 6", "pose --hfov 60 --lane-width 20 {drive}/drive.mp4"),
     "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
     "pose: no pictures": (2, "1 or more", "pose --hfov 60 --pictures 0 {drive}/drive.mp4"),

@@ -13,7 +13,7 @@ from PIL import ExifTags, Image
 
 from lanes.camera import Camera, CameraPose, save_camera
 from lanes.detect.lane import LineEvidence
-from lanes.detections import as_detection
+from lanes.detections import as_detection, usual_rows
 from lanes.images import write_image
 from lanes.stills import find_lane
 from lanes.video.writer import VideoWriter
@@ -53,6 +53,16 @@ def detect(folder, tmp_path, capsys):
         return status, found, *capsys.readouterr()
 
     return run
+
+
+def test_by_default_the_rows_are_those_of_the_height_and_only_a_part_is_detected(folder, tmp_path, capsys):
+    video = write_clip(tmp_path / "drive.mp4", map(DRIVE.frame, np.arange(10) / 25))
+    options = ["--camera", str(folder / "camera.yaml"), "--start", "0.2", "--end", "0.3", "-o", str(tmp_path / "out")]
+    assert main(["detect", str(video), *options]) == 0
+    found = [json.loads(line) for line in (tmp_path / "out").read_text().splitlines()]
+    assert [detection["frame"] for detection in found] == [5, 6, 7]
+    assert found[0]["h_samples"] == list(range(210, 355, 5)) and min(found[-1]["lanes"][0]) > 0
+    assert list(usual_rows(720)) == list(range(420, 701, 10)) and max(usual_rows(540)) < 540
 
 
 def require_true_columns(detection: dict, frame: int, tolerance_px: float = 3) -> None:

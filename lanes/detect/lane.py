@@ -30,6 +30,7 @@ from lanes.detect.road import (
     propagated_std,
     road_height,
 )
+from lanes.values import ByValue
 
 if TYPE_CHECKING:
     from lanes.track.departure import Departure
@@ -43,6 +44,11 @@ ROAD_EDGE = "road edge"
 LOST = "lost"
 # Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(1.5, 400.0, 130)
+# A speed with a larger standard deviation is not stated. It is a third of the speed where the lane does not show it.
+MAX_SPEED_STD_SHARE = 0.15
+# Columns that a line may pass from row to row. Where it passes more, two rows of pitch motion move it by more than the
+# 20 pixels that TuSimple's score allows.
+MAX_COLUMNS_PER_ROW = 10.0
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ FarEvidence = tuple[LineEvidence | None, LineEvidence | None]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Line(LineEvidence):
+class Line(ByValue, LineEvidence):
     """One line of a lane: where it runs, how certain that is, and what is seen of it.
 
     Attributes
@@ -157,13 +163,16 @@ class Line(LineEvidence):
         paint = f"paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
         return ", ".join(filter(None, [beside, self.describe_type(), paint]))
 
+    def __repr__(self) -> str:
+        return f"Line({'left' if self.side > 0 else 'right'}, {self.describe()})"
+
     def describe_type(self) -> str:
         """Words such as "yellow double solid"; empty if not seen well enough."""
         return " ".join(filter(None, [self.colour, "double" if self.double else None, self.kind]))
 
 
 @dataclass(frozen=True, eq=False)
-class Lane:
+class Lane(ByValue):
     """The ego lane in one image or frame, in SI units.
 
     Attributes
@@ -360,7 +369,7 @@ class Lane:
             "left line": self.left.describe(),
             "right line": self.right.describe(),
         }
-        if self.motion is not None:
+        if self.motion and self.motion.speed_std_mps <= MAX_SPEED_STD_SHARE * self.motion.speed_mps:
             words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
         if self.departure and (warning := self.departure.describe()):
             words["warning"] = warning
@@ -373,11 +382,16 @@ class Lane:
 
 
 def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass."""
+    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass.
+
+    A line ends where it runs almost along the rows, see `MAX_COLUMNS_PER_ROW`.
+    """
     columns = np.full((len(outlines), len(rows)), -2.0)
     for column, outline in zip(columns, outlines, strict=True):
         if len(outline):
-            column[:] = np.interp(rows, outline[::-1, 1], outline[::-1, 0], left=-2, right=-2)
+            across, up = np.abs(np.diff(outline, axis=0)).T
+            end = int(np.append(across > MAX_COLUMNS_PER_ROW * up, True).argmax()) + 1
+            column[:] = np.interp(rows, outline[:end][::-1, 1], outline[:end][::-1, 0], left=-2, right=-2)
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
 
 

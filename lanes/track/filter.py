@@ -131,6 +131,7 @@ class CarMotion:
     # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
     turning_std_per_m: float
     course_std_rad: float
+    speed_std_mps: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +188,8 @@ def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
     differences[0, [CURVATURE, PATH]] = 1, -1
     differences[1, [HEADING, CAMERA_YAW, PATH]] = 1, -1, -lever_m
     turning_std, course_std = propagated_std(differences, state.covariance).tolist()
-    return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std)
+    speed_std_mps = float(np.sqrt(state.covariance[SPEED, SPEED]))
+    return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std, speed_std_mps)
 
 
 def predict(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> State:

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
@@ -33,7 +34,7 @@ from lanes.detect.search import (
     observe_lines,
     search_lane,
 )
-from lanes.errors import LaneError, require_number
+from lanes.errors import LaneError, require_number, require_type
 from lanes.track.departure import watch_departure
 from lanes.track.filter import (
     CAMERA_YAW,
@@ -160,9 +161,9 @@ class LaneTracker:
         self.speed_mps = None if speed_mps is None else require_number(speed_mps, "speed_mps")
         if not 0 <= (self.speed_mps or 0) <= MAX_SPEED_MPS:
             raise LaneError(f"speed_mps must be from 0 to {MAX_SPEED_MPS:g}; got {speed_mps!r}.")
-        self.find_pose, self.settings, self.markings = find_pose, settings or TrackerSettings(), markings
-        self._confidence_shift = confidence_shift
-        self._use(camera)
+        self.settings = TrackerSettings() if settings is None else require_type(settings, TrackerSettings, "settings")
+        self.find_pose, self.markings, self._confidence_shift = find_pose, markings, confidence_shift
+        self._use(require_camera(camera))
 
     @property
     def camera(self) -> Camera:
@@ -205,12 +206,12 @@ class LaneTracker:
         camera = self.view.camera
         return f"LaneTracker({camera.width}x{camera.height} px, {self.fps:g} frames a second, {self._state})"
 
-    def update(self, image: np.ndarray, *, elapsed_s: float | None = None) -> Lane | None:
+    def update(self, image: np.ndarray | str | Path, *, elapsed_s: float | None = None) -> Lane | None:
         """Process the next image.
 
         Parameters
         ----------
-        image : ndarray of shape (height, width, 3), uint8
+        image : ndarray of shape (height, width, 3), uint8, or path
             RGB, raw.
         elapsed_s : float, optional
             Time since the previous image, if it is not 1 / fps (dropped frames). The tracker starts again if it is
@@ -228,7 +229,7 @@ class LaneTracker:
         LaneError
             If `elapsed_s` is not a number, or `markings` returns no mask.
         """
-        s = self.settings
+        s, image = self.settings, self.view.camera.require_size(image)
         elapsed_s = 1 / self.fps if elapsed_s is None else require_number(elapsed_s, "elapsed_s", finite=False)
         if not 0 <= elapsed_s <= s.max_coast_s:
             self._forget_lane()
@@ -239,7 +240,7 @@ class LaneTracker:
         self._since_full_s += elapsed_s
         search, full = self._is_due()
         view = self._narrowest_view(self._lane, self.view if search else self._views[0])
-        mask = find_mask(view.camera.require_size(image), self.markings)
+        mask = find_mask(image, self.markings)
         evidence = find_evidence(image, view, s.detector.paint, mask=mask, quick=not full)
         evidence = replace(evidence, confidence_shift=evidence.confidence_shift + self._confidence_shift)
         evidence, challenger = self._without_static(evidence, elapsed_s, search=search)

@@ -9,7 +9,7 @@ import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import chain, islice
 from pathlib import Path
@@ -20,6 +20,7 @@ from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
 from lanes.errors import VideoError, require_number
+from lanes.values import ByValue
 from lanes.video.container import (
     CLOCK_RESET_S,
     CLOCK_SET_S,
@@ -72,12 +73,12 @@ class VideoInfo:
 
 
 @dataclass(frozen=True, eq=False)
-class TimedFrame:
+class TimedFrame(ByValue):
     """One frame: its number, its time since the video's first frame, and the RGB image (height, width, 3), uint8."""
 
     number: int
     time_s: float
-    image: np.ndarray
+    image: np.ndarray = field(repr=False)
     # Seconds since the previous frame that was read, None for the first; they vary in videos of variable rate.
     elapsed_s: float | None = None
     # Time that a tracker took for it.

@@ -11,6 +11,7 @@ from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence, telemetry_row
 from lanes.detect.line_type import TypeVotes
 from lanes.detect.road import SIDES, line_y
+from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
@@ -47,6 +48,16 @@ def test_a_line_that_has_turned_back_has_no_position_and_no_std():
     left = lane_of(a_lane(curvature=1 / 24)).left
     np.testing.assert_array_equal(np.isnan(left.y(X_M)), [False, False, False, False, True])
     np.testing.assert_array_equal(np.isnan(left.std_m(X_M)), np.isnan(left.y(X_M)))
+
+
+def test_a_line_ends_where_it_runs_almost_along_the_rows():
+    camera = dashcam(width=1280)
+    lane, rows = lane_of(a_lane(curvature=1 / 90)), np.arange(300, 720)
+    left = lane.columns(camera, rows)[0]
+    given, outline = np.flatnonzero(left >= 0), lane.outlines(camera)[0]
+    assert np.abs(np.diff(left[given])).max() <= 10 and (np.diff(given) == 1).all()
+    assert rows[given[0]] - outline[-1, 1] >= 2  # the outline goes on
+    np.testing.assert_allclose(left[given], np.interp(rows[given], outline[::-1, 1], outline[::-1, 0]), atol=1e-6)
 
 
 def test_stds_are_the_roots_of_the_variances():
