@@ -149,8 +149,11 @@ class Annotate:
         add_scale(parser)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
-        words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
-        parser.add_argument("--style", choices=STYLES, default=STYLES[0], help=words)
+        words = (
+            "lane: filled lane; lines: the two lines only; inset: with a bird's-eye view; mosaic: with intermediate "
+        )
+        words += "results (default: %(default)s)"
+        parser.add_argument("--style", choices=tuple(STYLES), default="lane", help=words)
         parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
         parser.add_argument("--quiet", action="store_true", help="print errors only")
         many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")

@@ -18,8 +18,9 @@ if TYPE_CHECKING:
     from lanes.detect.lane import Lane
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A lane with less confidence than the first is called uncertain; one with the second counts as sure.
-LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.5, 0.9
+# A lane with less confidence than the first is shown as no lane, with less than the second it is called uncertain; one
+# with the third counts as sure.
+LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
     "constant": -4.53,

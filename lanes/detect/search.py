@@ -160,9 +160,10 @@ def _observe_line(
         profile = marking_profile(evidence.response, fit.view, line_y_m) or profile
         votes = votes.add_profile(profile)
     votes = votes.add_gaps(fit.stripes.x_m[members & fit.stripes.measurable])
-    support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
+    support, (start_m, reach_m) = float(fit.marked_rows[line] / rows), fit.extent_m[line].tolist()
+    start_m = min(filter(None, (start_m, previous.start_m)), default=0.0)
     edge = bool(2 * np.count_nonzero(fit.stripes.edge[members]) > np.count_nonzero(members))
-    return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)
+    return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes, start_m)
 
 
 def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
