@@ -196,7 +196,7 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
     sides = np.multiply(SIDES, 1 - 2 * inwards_m / lane.width_m)
     pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(3, 2, -1, 2)
 
-    def polygon(lines: Sequence[np.ndarray], end_m: float) -> np.ndarray:
+    def polygon(lines: np.ndarray, end_m: float) -> np.ndarray:
         first, second = (visible_part(line[along_m <= end_m]) for line in lines)
         return np.vstack([first, second[::-1]])
 
