@@ -506,11 +506,10 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
 
 def _camera_options(options: argparse.Namespace) -> str:
     """The options of `add_lens` and `add_scale` that were given, as a part of another command line."""
-    names = {"camera": "camera", "hfov": "hfov", "boards": "boards", "lens": "lens", "topic": "topic"}
-    names |= {"camera_offset_m": "camera-offset", "car_width_m": "car-width", "markings": "markings"}
-    names |= {"lane_width_m": "lane-width", "height_m": "height"}
-    given = ((option, getattr(options, name, None)) for name, option in names.items())
-    return " ".join(f"--{option} {shlex.quote(str(value))}" for option, value in given if value is not None)
+    names = "camera", "hfov", "boards", "lens", "camera_offset_m", "car_width_m", "topic", "markings"
+    given = {name: getattr(options, name, None) for name in (*names, "lane_width_m", "height_m")}
+    texts = {n.removesuffix("_m").replace("_", "-"): shlex.quote(str(x)) for n, x in given.items() if x is not None}
+    return " ".join(f"--{name} {text}" for name, text in texts.items())
 
 
 def _list_names(paths: Sequence[Path]) -> str:

@@ -13,23 +13,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from lanes import canvas
 from lanes.camera import Camera
-from lanes.canvas import (
-    FAR_LEFT_COLOUR,
-    FAR_RIGHT_COLOUR,
-    LANE_COLOUR,
-    LEFT_COLOUR,
-    PANEL_COLOUR,
-    RIGHT_COLOUR,
-    UNLIKELY_COLOUR,
-    Colour,
-    blend_polygon,
-    draw_dots,
-    draw_polyline,
-    fill_polygon,
-    finite_points,
-    put_text,
-)
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
@@ -47,13 +32,13 @@ STYLES: Mapping[str, Collection[str]] = {
     "inset": PARTS,
     "mosaic": ("area", "lines", "far lines", "words"),
 }
-COLOURS: Mapping[str, Colour] = {
-    "area": LANE_COLOUR,
-    "left": LEFT_COLOUR,
-    "right": RIGHT_COLOUR,
-    "far left": FAR_LEFT_COLOUR,
-    "far right": FAR_RIGHT_COLOUR,
-    "uncertain": UNLIKELY_COLOUR,
+COLOURS: Mapping[str, canvas.Colour] = {
+    "area": canvas.LANE_COLOUR,
+    "left": canvas.LEFT_COLOUR,
+    "right": canvas.RIGHT_COLOUR,
+    "far left": (255, 170, 160),
+    "far right": (150, 195, 255),
+    "uncertain": canvas.UNLIKELY_COLOUR,
 }
 # What reaches the lower border of the image begins at this distance, which is below it.
 NEAREST_M = 0.5
@@ -92,7 +77,7 @@ def draw_lane(
     *,
     style: str = "lane",
     parts: Collection[str] | None = None,
-    colours: Mapping[str, Colour] | None = None,
+    colours: Mapping[str, canvas.Colour] | None = None,
     thickness: float = 1.0,
     opacity: float = 0.3,
     evidence: FrameEvidence | None = None,
@@ -145,7 +130,7 @@ def draw_lane(
     if inset is not None:
         drawn[: inset.shape[0], -inset.shape[1] :] = inset
     if "words" in parts:
-        put_text(drawn, describe_lane(lane))
+        canvas.put_text(drawn, describe_lane(lane))
     return _mosaic(image, drawn, lane, camera, evidence) if style == "mosaic" else drawn
 
 
@@ -161,24 +146,24 @@ def _draw_outline(
     camera: Camera,
     outline: LaneOutline,
     parts: Collection[str],
-    colours: Mapping[str, Colour],
+    colours: Mapping[str, canvas.Colour],
     thickness: float,
     opacity: float,
 ) -> None:
     """Draw the parts of a lane on an image."""
     if "area" in parts and len(outline.area):
-        blend_polygon(drawn, outline.area, colours["area"], opacity, edge=cv2.LINE_8)
+        canvas.blend_polygon(drawn, outline.area, colours["area"], opacity, edge=cv2.LINE_8)
     root_px = float(np.sqrt(camera.width * camera.height))
     likely, stated = lane.confidence >= LIKELY_CONFIDENCE, lane.confidence >= LEAST_CONFIDENCE
     width_share, step_share = DOT_SHARES if stated else HINT_SHARES
     dot_px, step_px = max(thickness * root_px / width_share, 1.0), root_px / step_share
     for name, ribbon, dotted in zip(("left", "right"), outline.ribbons, outline.dotted, strict=True):
         if "lines" in parts:
-            fill_polygon(drawn, ribbon, colours[name])
-            draw_dots(drawn, dotted, colours[name if likely else "uncertain"], dot_px, step_px)
+            canvas.fill_polygon(drawn, ribbon, colours[name])
+            canvas.draw_dots(drawn, dotted, colours[name if likely else "uncertain"], dot_px, step_px)
     for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
         if far and "far lines" in parts:
-            draw_polyline(drawn, far.seen_pixels(camera), colours[name], thickness * root_px / DOT_SHARES[0])
+            canvas.draw_polyline(drawn, far.seen_pixels(camera), colours[name], thickness * root_px / DOT_SHARES[0])
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
@@ -254,19 +239,22 @@ def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tu
 def _view_panel(view_image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
     """The bird's-eye view, darkened, with the lines up to their reach; dotted if the lane is uncertain."""
     panel = view.blacken(view_image) // 2
-    if lane is None:
-        return panel
-    lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
-    for line, y_m, colour in zip(lane.lines, lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
+    for k, line in enumerate(lane.lines if lane else ()):
+        y_m = lines_on_view(line.model[None], view.x_m, view.height_m)[0, k]
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - y_m[rows]) / view.cell_m
         # without the rows that a line does not pass
-        points_px = finite_points(np.column_stack([columns, rows]))
-        if lane.confidence >= LIKELY_CONFIDENCE:
-            draw_polyline(panel, points_px, colour, 3)
+        points_px = canvas.finite_points(np.column_stack([columns, rows]))
+        if lane and lane.confidence >= LIKELY_CONFIDENCE:
+            canvas.draw_polyline(panel, points_px, COLOURS[("left", "right")[k]], 3)
         else:
-            draw_dots(panel, points_px, UNLIKELY_COLOUR, 3, 9)
-    return panel
+            canvas.draw_dots(panel, points_px, COLOURS["uncertain"], 3, 9)
+    return panel[:, _shown(view)]
+
+
+def _shown(view: BirdsEyeView) -> np.ndarray:
+    # the tracker uses views of several widths: all are shown with the narrowest one
+    return np.abs(view.y_m) <= SHOWN_HALF_WIDTH_M
 
 
 def _draw_inset(image: np.ndarray, lane: Lane | None, camera: Camera, evidence: FrameEvidence | None) -> np.ndarray:
@@ -274,12 +262,7 @@ def _draw_inset(image: np.ndarray, lane: Lane | None, camera: Camera, evidence: 
     view = evidence.view if evidence else BirdsEyeView(camera)
     panel = _view_panel(evidence.view_image if evidence else view.warp(image), lane, view)
     size = round(INSET_SHARE[0] * camera.width), round(INSET_SHARE[1] * camera.height)
-    return cv2.resize(panel[:, _shown_columns(view)], size, interpolation=cv2.INTER_AREA)
-
-
-def _shown_columns(view: BirdsEyeView) -> np.ndarray:
-    # the tracker uses views of several widths: all are shown with the narrowest one
-    return np.abs(view.y_m) <= SHOWN_HALF_WIDTH_M
+    return cv2.resize(panel, size, interpolation=cv2.INTER_AREA)
 
 
 def _mosaic(
@@ -290,13 +273,12 @@ def _mosaic(
         view = BirdsEyeView(camera)
         evidence = extract_evidence(view.warp(image), view)
     view = evidence.view
-    shown = _shown_columns(view)
     # paint in good condition has four times the smallest strength of a stripe
     strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * PAINT.min_strength))
     panels = {
-        "bird's-eye view": view.blacken(evidence.view_image)[:, shown],
-        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, shown],
-        "fitted lines": _view_panel(evidence.view_image, lane, view)[:, shown],
+        "bird's-eye view": view.blacken(evidence.view_image)[:, _shown(view)],
+        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, _shown(view)],
+        "fitted lines": _view_panel(evidence.view_image, lane, view),
     }
     words = [f"{name}: {text}" for name, text in lane.summary().items()] if lane else ["no lane"]
     return _arrange_mosaic(drawn, panels, words)
@@ -306,11 +288,11 @@ def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: S
     """A picture of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
     height, width = main.shape[:2]
     split, third = 2 * width // 3, height // 3
-    mosaic = np.full_like(main, PANEL_COLOUR)
+    mosaic = np.full_like(main, canvas.PANEL_COLOUR)
     mosaic[: 2 * third, :split] = cv2.resize(main, (split, 2 * third), interpolation=cv2.INTER_AREA)
     for number, (title, picture) in enumerate(panels.items()):
         panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
-        put_text(panel, title, size_px=third // 14)
+        canvas.put_text(panel, title, size_px=third // 14)
         mosaic[number * third : (number + 1) * third - 2, split + 2 :] = panel
-    put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
+    canvas.put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
     return mosaic

@@ -13,7 +13,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -172,8 +172,8 @@ def _frames(telemetry: Telemetry) -> dict[str, list]:
     words = {
         "left_types": line_types(telemetry, "left"),
         "right_types": line_types(telemetry, "right"),
-        "bend": _bends(telemetry),
-        "offset": _offsets(telemetry),
+        "bend": _words(describe_bend, telemetry["curvature_per_m"], telemetry["curvature_std_per_m"]),
+        "offset": _words(describe_offset, telemetry["offset_m"], telemetry["offset_std_m"]),
     }
     texts = {name: _texts(telemetry, name).tolist() for name in ("state", "departure")}
     texts["level"] = confidence_levels(telemetry).tolist()
@@ -193,20 +193,10 @@ def _changes(words: np.ndarray) -> list[tuple[int, str]]:
     return [(int(k), str(words[k])) for k in changes]
 
 
-def _bends(telemetry: Telemetry) -> np.ndarray:
-    """The bend (N,) in the words of the overlay."""
-    columns = telemetry["curvature_per_m"], telemetry["curvature_std_per_m"]
-    return np.array(
-        [describe_bend(*((k, std) if np.isfinite(k) else (None,))) for k, std in zip(*columns, strict=True)]
-    )
-
-
-def _offsets(telemetry: Telemetry) -> np.ndarray:
-    """The offset (N,) in the words of the overlay."""
-    columns = telemetry["offset_m"], telemetry["offset_std_m"]
-    return np.array(
-        [describe_offset(*((m, std) if np.isfinite(m) else (None,))) for m, std in zip(*columns, strict=True)]
-    )
+def _words(describe: Callable[..., str], values: np.ndarray, stds: np.ndarray) -> np.ndarray:
+    """Measurements (N,) with their standard deviations (N,) in the words of the overlay."""
+    pairs = zip(values, stds, strict=True)
+    return np.array([describe(value, std) if np.isfinite(value) else describe(None) for value, std in pairs])
 
 
 def _rounded(values: np.ndarray, digits: int) -> list:
