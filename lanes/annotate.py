@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 import time
 from collections import Counter
@@ -31,10 +32,10 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report.page import Telemetry, describe_confidence, seconds_lost, share_tracked, write_report
+from lanes.report.page import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.stills import StillDetection
-from lanes.track.departure import describe_many_warnings
+from lanes.track.departure import describe_crossings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.values import ByValue
@@ -65,9 +66,12 @@ class DriveSettings:
     topic: str | None = None
     markings: Markings | None = None
     camera_offset_m: float | None = None
+    car_width_m: float | None = None
     lane_width_m: float | None = None
     height_m: float | None = None
     speed_mps: float | None = None
+    # The options of the command line that name the camera, for the commands in the report.
+    camera_options: str = ""
 
     def camera_for(self, size: tuple[int, int], file: Path) -> Camera:
         """The camera of a file with upright images of `size` (width, height).
@@ -76,7 +80,8 @@ class DriveSettings:
         has the aspect ratio of the images. Raises CameraError if it has another one.
         """
         camera = self._intrinsics_for(size, file)
-        return camera if self.camera_offset_m is None else replace(camera, offset_m=self.camera_offset_m)
+        offset_m = camera.offset_m if self.camera_offset_m is None else self.camera_offset_m
+        return replace(camera, offset_m=offset_m, car_width_m=self.car_width_m or camera.car_width_m)
 
     def _intrinsics_for(self, size: tuple[int, int], file: Path) -> Camera:
         given = self.camera or (self.field and self.field.source == GIVEN)
@@ -155,7 +160,7 @@ def annotate(
     each : bool
         Every still is of a camera of its own. By default they share one camera.
     style : str
-        One of `lanes.draw.STYLES`; "lane" by default.
+        A name in `lanes.draw.STYLES`; "lane" by default.
     start_s, end_s : float
         Part of each video to annotate, in seconds since its first frame. By default the whole video.
     report : bool
@@ -167,6 +172,8 @@ def annotate(
     markings : callable, as for `lanes.find_lane`
     camera_offset_m : float
         Position of the camera left of the middle of the car, negative right; by default that of `camera`.
+    car_width_m : float
+        Width of the car over its tyres, for departure warnings; by default that of `camera`.
     height_m, lane_width_m : float
         Height of the camera, or width of the lanes, if the pose is estimated; see `lanes.estimate_pose`.
     speed_mps : float
@@ -336,34 +343,67 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     count, missing = written.frames, written.missing
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
+    warnings = _find_warnings(video, info, camera, pose, settings, telemetry)
+    if info.has_audio and not written.has_audio:
+        warnings.append(f"its sound cannot be decoded; {target} has no sound")
     if settings.report:
-        used = _describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"}
         page = target.with_suffix(".html")
-        outputs += (write_report(page, title=video.name, video=target, telemetry=telemetry, settings=used),)
+        write_report(
+            page,
+            title=video.name,
+            video=target,
+            telemetry=telemetry,
+            settings=_describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"},
+            warnings=[*_pose_warnings(video, pose, settings), *warnings],
+            command=_explain_command(video, settings),
+        )
+        outputs += (page,)
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
-        f"{video}: {count} frames{more}, lane tracked in {share_tracked(telemetry):.0%} of them, lost for "
-        f"{seconds_lost(telemetry):.1f} s{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
+        f"{video}: {count} frames{more}, {describe_shares(telemetry)}; lost for {seconds_lost(telemetry):.1f} s"
+        f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
-    if jumps := describe_jumps(telemetry["time_s"], info.fps):
-        lines.append(f"{video}: {jumps}")
-    if info.mirrored:
-        lines.append(f"{video}: {MIRRORED_WORDS}")
-    if not camera.offset_m and (warnings := describe_many_warnings(telemetry)):
-        lines.append(f"{video}: {warnings}")
-    if info.note:
-        lines.append(f"{video}: {info.note}")
-    if info.has_audio and not written.has_audio:
-        lines.append(f"{video}: its sound cannot be decoded; {target} has no sound")
+    lines += [f"{video}: {warning}" for warning in warnings]
+    return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
+
+
+def _find_warnings(
+    video: Path,
+    info: VideoInfo,
+    camera: Camera,
+    pose: PoseEstimate | None,
+    settings: DriveSettings,
+    telemetry: Telemetry,
+) -> list[str]:
+    """What seems to be wrong with a video or its camera, a sentence each."""
+    mirrored = MIRRORED_WORDS if info.mirrored else None
+    found: list[str | None] = [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note]
+    if settings.camera_offset_m is None and not camera.offset_m:
+        found.append(describe_crossings(telemetry, camera.car_width_m))
     if change := find_pose_change(telemetry):
-        lines.append(f"{video}: {change.describe()}")
+        found.append(change.describe())
     elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
         remedy = "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
         if pose:
             remedy = "annotate a straighter part of it (--start, --end), or give a camera file with a pose (--camera)."
-        lines.append(f"{video}: {describe_wrong_yaw(yaw_rad)}; {remedy}")
-    return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
+        found.append(f"{describe_wrong_yaw(yaw_rad)}; {remedy}")
+    return list(filter(None, found))
+
+
+def _pose_warnings(video: Path, pose: PoseEstimate | None, settings: DriveSettings) -> list[str]:
+    """What is doubtful of the lens and of an estimated pose; the terminal shows it before the work."""
+    field = None if settings.camera else settings.field_of(video)
+    lens = [field.describe()] if field and field.doubtful else []
+    return lens + (list(pose.notes) if pose and pose.lane_width_m is None else [])
+
+
+def _explain_command(video: Path, settings: DriveSettings) -> str:
+    """The command that explains a frame of this drive, up to the value of --at."""
+    camera = settings.camera_options or ("--camera camera.yaml" if settings.camera else "")
+    part = f"--start {settings.start_s:g}" if settings.start_s else ""
+    part += f" --end {settings.end_s:g}" if settings.end_s is not None else ""
+    return " ".join(filter(None, ["python -m lanes explain", camera, part.strip(), shlex.quote(str(video)), "--at "]))
 
 
 def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settings: DriveSettings) -> dict[str, str]:
@@ -380,7 +420,7 @@ def _describe_run(video: Path, camera: Camera, pose: PoseEstimate | None, settin
         "picture": f"{camera.width}x{camera.height} pixels",
         "lens": f"{lens}; focal length {camera.matrix[0, 0]:.0f} px",
         "pose": pose.describe() if pose else f"from the camera file: {camera.require_pose().describe()}",
-        "camera": f"{describe_offset(camera.offset_m)} of the car",
+        "camera": f"{describe_offset(camera.offset_m)} of the car, which is {camera.car_width_m:g} m wide",
         "style": settings.style,
         "markings": str(settings.markings or "own"),
         "versions": ", ".join(f"{name} {version}" for name, version in versions().items()),
@@ -428,8 +468,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
         if pose.state != ESTIMATED:
             lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
     telemetry = table.columns()
-    found = np.sum(telemetry["state"] != LOST)
-    found_words = f"lane found in {found}{describe_confidence(telemetry)}"
+    found_words = f"{describe_shares(telemetry)}{describe_confidence(telemetry)}"
     lines.append(f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} to {path.parent}")
     return Annotation((*outputs, path), telemetry, "\n".join(lines), pose, failures=tuple(failures))
 

@@ -36,6 +36,8 @@ WIDE_HFOV_DEG = 95
 LENSES = ("pinhole", "equidistant")
 # Largest distance of a camera from the middle of its car, metres: lorries are 2.55 m wide.
 MAX_OFFSET_M = 2.0
+# Width of a passenger car over its tyres where none is given, and that of motorcycles to lorries with mirrors, metres.
+CAR_WIDTH_M, CAR_WIDTH_RANGE_M = 1.8, (0.5, 3.5)
 # Largest skew of a camera matrix as a share of the focal length: calibrations of real lenses have some 0.001.
 MAX_SKEW = 0.01
 
@@ -125,6 +127,8 @@ class Camera(ByValue):
     offset_m : float
         Position of the camera left of the middle of the car. The road frame begins below the camera; offset and
         departure of a lane are those of the car.
+    car_width_m : float
+        Width of the car over its tyres, for departure warnings.
     calibrated : bool
         Whether the intrinsics were measured, not derived from a field of view.
 
@@ -139,6 +143,7 @@ class Camera(ByValue):
     report: CalibrationReport | None = None
     offset_m: float = 0.0
     calibrated: bool = True
+    car_width_m: float = CAR_WIDTH_M
 
     def __post_init__(self) -> None:
         try:
@@ -479,6 +484,8 @@ def camera_to_dict(camera: Camera) -> dict:
         content["calibrated"] = False
     if camera.offset_m:
         content["camera_offset_m"] = float(camera.offset_m)
+    if camera.car_width_m != CAR_WIDTH_M:
+        content["car_width_m"] = float(camera.car_width_m)
     if camera.pose:
         content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items()}
     if camera.report:
@@ -537,7 +544,9 @@ def camera_from_dict(content: dict) -> Camera:
     pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
     offset_m = require_camera_offset(content.get("camera_offset_m", 0.0))
-    return Camera(*size, matrix, distortion, pose, report, offset_m, content.get("calibrated", True) is not False)
+    car_width_m = require_car_width(content.get("car_width_m", CAR_WIDTH_M))
+    calibrated = content.get("calibrated", True) is not False
+    return Camera(*size, matrix, distortion, pose, report, offset_m, calibrated, car_width_m)
 
 
 def require_camera_offset(offset_m: object) -> float:
@@ -548,6 +557,15 @@ def require_camera_offset(offset_m: object) -> float:
             f"a camera {offset_m:g} m beside the middle of the car is not plausible; give -2 to 2 metres."
         )
     return offset_m
+
+
+def require_car_width(width_m: object) -> float:
+    """The width of a car; raises CameraError if no vehicle on a road is as wide or narrow."""
+    width_m = require_number(width_m, "car_width_m")
+    low, high = CAR_WIDTH_RANGE_M
+    if not low <= width_m <= high:
+        raise CameraError(f"a car {width_m:g} m wide is not plausible; give {low:g} to {high:g} metres.")
+    return width_m
 
 
 def require_camera(camera: object) -> Camera:

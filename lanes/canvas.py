@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache, lru_cache
+from math import sqrt
 
 import cv2
 import numpy as np
@@ -19,14 +20,14 @@ LANE_COLOUR: Colour = (0, 220, 90)
 UNLIKELY_COLOUR: Colour = (255, 170, 0)
 LEFT_COLOUR: Colour = (255, 70, 60)
 RIGHT_COLOUR: Colour = (60, 130, 255)
-FAR_LEFT_COLOUR: Colour = (255, 170, 160)
-FAR_RIGHT_COLOUR: Colour = (150, 195, 255)
 WINDOW_COLOUR: Colour = (255, 210, 0)
 TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 FONT_WEIGHT = 500
+# Default size of text: the root of the image's area divided by this, but at least so many pixels.
+TEXT_SHARE, MIN_TEXT_PX = 32, 14
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
 # Limit of coordinates: fits in 32-bit integers, far outside any image.
@@ -58,8 +59,29 @@ def blend_polygon(
     part = image[top:bottom, left:right]
     if part.size:
         filled = part.copy()
-        cv2.fillPoly(filled, [_to_fixed_point(polygon_px - (left, top))], colour, edge, _SHIFT)
+        fill_polygon(filled, polygon_px - (left, top), colour, edge=edge)
         cv2.addWeighted(filled, alpha, part, 1 - alpha, 0, dst=part)
+
+
+def fill_polygon(image: np.ndarray, polygon_px: np.ndarray, colour: Colour, *, edge: int = cv2.LINE_AA) -> None:
+    """Fill a polygon (N, 2); fewer than three points draw nothing."""
+    if len(polygon_px) > 2:
+        cv2.fillPoly(image, [_to_fixed_point(polygon_px)], colour, edge, _SHIFT)
+
+
+def draw_dots(image: np.ndarray, points_px: np.ndarray, colour: Colour, width_px: float, step_px: float) -> None:
+    """Draw a dotted line through points (N, 2), the last one included: round dots of a width, a step apart."""
+    if len(points_px) < 2:
+        return
+    height, width = image.shape[:2]
+    along_px = np.append(0.0, np.hypot(*np.diff(points_px, axis=0).T).cumsum())
+    # a point far outside of the image makes the line long
+    at_px = np.arange(along_px[-1], 0.0, -step_px)[: 4 * (width + height)]
+    dots = np.column_stack([np.interp(at_px, along_px, axis) for axis in points_px.T])
+    inside = ((dots > -width_px) & (dots < np.add((width, height), width_px))).all(axis=1)
+    radius = round(width_px / 2 * (1 << _SHIFT))
+    for centre in _to_fixed_point(dots[inside]).tolist():
+        cv2.circle(image, centre, radius, colour, cv2.FILLED, cv2.LINE_AA, _SHIFT)
 
 
 def put_text(
@@ -67,14 +89,14 @@ def put_text(
 ) -> None:
     """Write lines of white text at the top left, on a dark panel that keeps them readable on any background.
 
-    Latin, Greek and Cyrillic letters and signs such as ° and ± are supported. The font size is 1/24 of the image's
-    height by default, and smaller if the text would not fit. `panel_alpha` is the opacity of the panel, 0 to 1.
+    Latin, Greek and Cyrillic letters and signs such as ° and ± are supported. The font size is that of `text_size` by
+    default, and smaller if the text would not fit. `panel_alpha` is the opacity of the panel, 0 to 1.
     """
     lines = [lines] if isinstance(lines, str) else list(lines)
     if not lines:
         return
     height, width = image.shape[:2]
-    size, box_width, box_height = _fit_text(lines, size_px or round(height / 24), width, height)
+    size, box_width, box_height = _fit_text(lines, size_px or text_size(width, height), width, height)
     panel = image[:box_height, :box_width]
     # The mean of the three channels: blending the panel's slight blue takes twice as long, and is not visible.
     cv2.convertScaleAbs(panel, dst=panel, alpha=1 - panel_alpha, beta=panel_alpha * sum(PANEL_COLOUR) / 3)
@@ -83,6 +105,11 @@ def put_text(
     for number, line in enumerate(lines):
         position = text_margin(size), text_margin(size) // 2 + number * line_height(size) + size
         cv2.putText(image, line, position, TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
+
+
+def text_size(width: int, height: int) -> int:
+    """Default font size for images of a size: the same for all frames of a video, whatever the text, pixels."""
+    return max(MIN_TEXT_PX, round(sqrt(width * height) / TEXT_SHARE))
 
 
 def line_height(size_px: int) -> int:

@@ -6,6 +6,7 @@ Plots and Dask are imported when a command needs them, so that help and wrong us
 from __future__ import annotations
 
 import argparse
+import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import closing
@@ -20,8 +21,8 @@ import numpy as np
 from lanes import __version__
 from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
-from lanes.camera import LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
-from lanes.console import bounded, error_status, progress_line, run_command, run_program
+from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
+from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
@@ -160,8 +161,11 @@ class Annotate:
         add_scale(parser)
         add_output(parser, "annotated", "output folder")
         add_part(parser)
-        words = "lane: filled lane; lines: the two lines only; mosaic: with intermediate results (default: %(default)s)"
-        parser.add_argument("--style", choices=STYLES, default=STYLES[0], help=words)
+        words = (
+            "lane: filled lane; lines: the two lines only; inset: with a bird's-eye view; mosaic: with intermediate "
+        )
+        words += "results (default: %(default)s)"
+        parser.add_argument("--style", choices=tuple(STYLES), default="lane", help=words)
         parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
         parser.add_argument("--quiet", action="store_true", help="print errors only")
         many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
@@ -263,8 +267,8 @@ class Explain:
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
-        words = "time of the frame in a video (default: first frame)"
-        parser.add_argument("--at", type=bounded(float, 0), metavar="SECONDS", help=words)
+        words = "time of the frame in a video, as 83.5 or 1:23.5 (default: first frame)"
+        parser.add_argument("--at", type=seconds, metavar="TIME", help=words)
         add_part(parser)
         add_lens(parser)
         add_scale(parser)
@@ -445,6 +449,9 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     words = "how far the camera is left of the middle of the car, metres; < 0: right (default: that of the camera file)"
     limits = bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M)
     parser.add_argument("--camera-offset", dest="camera_offset_m", type=limits, metavar="M", help=words)
+    words = f"width of the car over its tyres, metres, for departure warnings (default: {CAR_WIDTH_M})"
+    limits = bounded(float, *CAR_WIDTH_RANGE_M)
+    parser.add_argument("--car-width", dest="car_width_m", type=limits, metavar="M", help=words)
     parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
     words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
@@ -460,10 +467,9 @@ def add_scale(parser: argparse.ArgumentParser) -> None:
 
 def add_part(parser: argparse.ArgumentParser) -> None:
     """Add the options for a part of the videos; `read_settings` checks them."""
-    words = "start at this second of each video"
-    parser.add_argument("--start", dest="start_s", type=bounded(float, 0), default=0.0, metavar="S", help=words)
-    words = "stop at this second of each video"
-    parser.add_argument("--end", dest="end_s", type=bounded(float, 0), metavar="S", help=words)
+    words = "start at this time of each video, as 83.5 or 1:23.5"
+    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
+    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -509,12 +515,22 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
         for some in shown:
             print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
-    shared = ("start_s", "end_s", "style", "report", "topic", "camera_offset_m", "lane_width_m", "height_m")
+    shared = {"start_s", "end_s", "style", "report", "topic"}
+    shared |= {"camera_offset_m", "car_width_m", "lane_width_m", "height_m"}
     more = {name: x for name, x in vars(options).items() if name in shared}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     more["markings"] = options.markings and load_markings(options.markings)
+    more["camera_options"] = _camera_options(options)
     return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
+
+
+def _camera_options(options: argparse.Namespace) -> str:
+    """The options of `add_lens` and `add_scale` that were given, as a part of another command line."""
+    names = "camera", "hfov", "boards", "lens", "camera_offset_m", "car_width_m", "topic", "markings"
+    given = {name: getattr(options, name, None) for name in (*names, "lane_width_m", "height_m")}
+    texts = {n.removesuffix("_m").replace("_", "-"): shlex.quote(str(x)) for n, x in given.items() if x is not None}
+    return " ".join(f"--{name} {text}" for name, text in texts.items())
 
 
 def _list_names(paths: Sequence[Path]) -> str:

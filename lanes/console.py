@@ -45,6 +45,19 @@ def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math
     return parse
 
 
+def seconds(text: str) -> float:
+    """An argparse type: a time as seconds, m:ss or h:mm:ss."""
+    *before, last = text.split(":")
+    if len(before) > 2 or not all(part.isdecimal() for part in before):
+        raise argparse.ArgumentTypeError(f"{text} does not do; give seconds, or a time like 1:05.5")
+    value: float = bounded(float, 0)(last)
+    if before and value >= 60:
+        raise argparse.ArgumentTypeError(f"{text} does not do; give less than 60 seconds after a colon")
+    for place, part in enumerate(reversed(before), 1):
+        value += int(part) * 60**place
+    return value
+
+
 def progress_line(name: str) -> Callable[[int, int], None]:
     """A callback (done, total) that updates one line on stderr; in a log file only the last state is printed."""
 

@@ -1,48 +1,75 @@
-"""Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its measures in words."""
+"""Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its measures in words.
+
+The confidence decides what is drawn. A likely lane is filled; a ribbon runs along the inner edge of each line that is
+seen, so that the paint beside it stays visible. Lines that are inferred, and those of an uncertain lane, are dotted.
+"""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from lanes import canvas
 from lanes.camera import Camera, require_camera
-from lanes.canvas import (
-    FAR_LEFT_COLOUR,
-    FAR_RIGHT_COLOUR,
-    LANE_COLOUR,
-    LEFT_COLOUR,
-    PANEL_COLOUR,
-    RIGHT_COLOUR,
-    UNLIKELY_COLOUR,
-    blend_polygon,
-    draw_polyline,
-    finite_points,
-    put_text,
-)
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
-from lanes.detect.lane import Lane, telemetry_row
+from lanes.detect.lane import Lane, project_lines, telemetry_row, visible_part
 from lanes.detect.paint import PAINT
-from lanes.detect.road import lines_on_view
+from lanes.detect.road import SIDES, lines_on_view
 from lanes.track.tracker import LaneTracker
 
-# The outlines begin at this distance, which is below the image, and end here if the evidence ends sooner.
-NEAREST_M, SHORTEST_M = 0.5, 12.0
+Row = dict[str, str | float | None]
+# What each style draws.
+PARTS = ("area", "lines", "far lines", "words", "inset")
+STYLES: Mapping[str, Collection[str]] = {
+    "lane": ("area", "lines", "far lines", "words"),
+    "lines": ("lines", "far lines", "words"),
+    "inset": PARTS,
+    "mosaic": ("area", "lines", "far lines", "words"),
+}
+COLOURS: Mapping[str, canvas.Colour] = {
+    "area": canvas.LANE_COLOUR,
+    "left": canvas.LEFT_COLOUR,
+    "right": canvas.RIGHT_COLOUR,
+    "far left": (255, 170, 160),
+    "far right": (150, 195, 255),
+    "uncertain": canvas.UNLIKELY_COLOUR,
+}
+# What reaches the lower border of the image begins at this distance, which is below it.
+NEAREST_M = 0.5
+# If the nearest marking is farther away than the view or the lower border begins, by this factor, the bonnet or a car
+# hides the road before it.
+HIDDEN_FACTOR = 1.3
 # Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
 # sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
-# Line width is the image's width divided by this; a line that is not seen itself is drawn thin.
-SEEN_PX, INFERRED_PX = 128, 320
-# Half width of the views of the road in the mosaic.
-MOSAIC_HALF_WIDTH_M = 5.0
-Row = dict[str, str | float | None]
-STYLES = ("lane", "lines", "mosaic")
+# Distance of the ribbon from the middle of the paint, whose half width is 0.05 to 0.1 m, and width of the ribbon.
+BESIDE_M, RIBBON_M = 0.11, 0.07
+# Width of dots and their distance; those of a hint: the root of the image's area divided by this.
+DOT_SHARES, HINT_SHARES = (220, 70), (480, 35)
+# Half width of the views of the road in the inset and in the mosaic; the share of the image that the inset takes.
+SHOWN_HALF_WIDTH_M, INSET_SHARE = 4.5, (0.2, 0.42)
+NO_POINTS = np.empty((0, 2))
+
+
+@dataclass(frozen=True, eq=False)
+class LaneOutline:
+    """Raw pixels (N, 2) of what is drawn of a lane; without points where it is not drawn.
+
+    `area` is the polygon between the lines, `ribbons` are those along the left and the right line, `dotted` are these
+    lines where they are inferred or the lane is uncertain.
+    """
+
+    area: np.ndarray
+    ribbons: tuple[np.ndarray, np.ndarray]
+    dotted: tuple[np.ndarray, np.ndarray]
 
 
 def draw_lane(
@@ -51,59 +78,137 @@ def draw_lane(
     camera: Camera,
     *,
     style: str = "lane",
+    parts: Collection[str] | None = None,
+    colours: Mapping[str, canvas.Colour] | None = None,
+    thickness: float = 1.0,
+    opacity: float = 0.3,
     evidence: Evidence | None = None,
     onto: np.ndarray | None = None,
 ) -> np.ndarray:
-    """A copy of a raw image with the lane and its measures; words only if there is no lane.
+    """A copy of a raw image with the lane and its measures.
+
+    An uncertain lane, with a confidence below 0.5, is dotted and not filled. One below 0.15 is a thin dotted hint; the
+    words are "no lane", as without a lane.
 
     Parameters
     ----------
     image : ndarray of shape (height, width, 3), uint8, or path
         RGB.
-    style : {"lane", "lines", "mosaic"}
-        The filled lane, its two lines, or a mosaic with intermediate results.
+    style : {"lane", "lines", "inset", "mosaic"}
+        The filled lane, its two lines, the lane with a bird's-eye view, or a mosaic with intermediate results.
+    parts : collection of str, optional
+        What to draw, of `lanes.draw.PARTS`; by default the parts of the style.
+    colours : mapping of str to RGB colour, optional
+        Other colours than those of `lanes.draw.COLOURS`, by the same names.
+    thickness : float
+        Width of lines and dots, relative to the usual one.
+    opacity : float
+        Opacity of the area, 0 to 1.
     evidence : Evidence, optional
-        What the lane was found in, for the mosaic; extracted again if not given.
+        What the lane was found in, for the inset and the mosaic; extracted again if not given.
     onto : ndarray, optional
         Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
 
     Raises
     ------
     ValueError
-        If there is no such style.
+        If there is no such style, part or colour, or a number is out of range.
     PictureError
         If the image is not RGB or not of the camera's size.
     """
-    if style not in STYLES:
-        raise ValueError(f"there is no style {style!r}; the styles are {', '.join(STYLES)}.")
+    _require_known("style", [style], STYLES)
+    parts = STYLES[style] if parts is None else parts
+    _require_known("part", parts, PARTS)
+    _require_known("colour", colours or (), COLOURS)
+    if not (0 < thickness < np.inf and 0 <= opacity <= 1):
+        raise ValueError(f"give a thickness above 0 and an opacity from 0 to 1, not {thickness:g} and {opacity:g}.")
     image = require_camera(camera).require_size(image)
-    outlines = lane_outlines(lane, camera) if lane else None
+    outline = lane_outline(lane, camera, thickness=thickness) if lane else None
+    inset = _draw_inset(image, lane, camera, evidence) if "inset" in parts else None
     # copied last, because a whole image evicts everything else from the processor's cache
     drawn = image.copy() if onto is None else onto
-    if lane and outlines:
-        left, right = outlines
-        if style != "lines" and len(left) and len(right):
-            colour = LANE_COLOUR if lane.confidence >= LIKELY_CONFIDENCE else UNLIKELY_COLOUR
-            blend_polygon(drawn, np.vstack([left, right[::-1]]), colour, 0.3, edge=cv2.LINE_8)
-        for points, line, colour in zip(outlines, lane.lines, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
-            draw_polyline(drawn, points, colour, camera.width / (SEEN_PX if line.seen else INFERRED_PX))
-        for far, colour in zip(lane.adjacent, (FAR_LEFT_COLOUR, FAR_RIGHT_COLOUR), strict=True):
-            if far:
-                draw_polyline(drawn, far.seen_pixels(camera), colour, camera.width / INFERRED_PX)
-    put_text(drawn, describe_lane(lane))
+    if lane and outline:
+        _draw_outline(drawn, lane, camera, outline, parts, {**COLOURS, **(colours or {})}, thickness, opacity)
+    if inset is not None:
+        drawn[: inset.shape[0], -inset.shape[1] :] = inset
+    if "words" in parts:
+        canvas.put_text(drawn, describe_lane(lane))
     return _mosaic(image, drawn, lane, camera, evidence) if style == "mosaic" else drawn
 
 
-def lane_outlines(lane: Lane, camera: Camera) -> list[np.ndarray]:
-    """Raw pixels (N, 2) along the left and the right line, from below the image as far as the evidence of either."""
-    reach_m = max(lane.left.reach_m, lane.right.reach_m, SHORTEST_M)
-    return lane.outlines(camera, along_m=NEAREST_M * (reach_m / NEAREST_M) ** SHARES)
+def _require_known(what: str, names: Collection[str], known: Collection[str]) -> None:
+    for name in names:
+        if name not in known:
+            raise ValueError(f"there is no {what} {name!r}; the {what}s are {', '.join(known)}.")
+
+
+def _draw_outline(
+    drawn: np.ndarray,
+    lane: Lane,
+    camera: Camera,
+    outline: LaneOutline,
+    parts: Collection[str],
+    colours: Mapping[str, canvas.Colour],
+    thickness: float,
+    opacity: float,
+) -> None:
+    """Draw the parts of a lane on an image."""
+    if "area" in parts and len(outline.area):
+        canvas.blend_polygon(drawn, outline.area, colours["area"], opacity, edge=cv2.LINE_8)
+    root_px = float(np.sqrt(camera.width * camera.height))
+    likely, stated = lane.confidence >= LIKELY_CONFIDENCE, lane.confidence >= LEAST_CONFIDENCE
+    width_share, step_share = DOT_SHARES if stated else HINT_SHARES
+    dot_px, step_px = max(thickness * root_px / width_share, 1.0), root_px / step_share
+    for name, ribbon, dotted in zip(("left", "right"), outline.ribbons, outline.dotted, strict=True):
+        if "lines" in parts:
+            canvas.fill_polygon(drawn, ribbon, colours[name])
+            canvas.draw_dots(drawn, dotted, colours[name if likely else "uncertain"], dot_px, step_px)
+    for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
+        if far and "far lines" in parts:
+            canvas.draw_polyline(drawn, far.seen_pixels(camera), colours[name], thickness * root_px / DOT_SHARES[0])
+
+
+def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
+    """What is drawn of a lane: each line up to its farthest marking, the area up to the nearer end of both.
+
+    A line without markings ends with the other one. See `draw_lane`.
+    """
+    likely, ends_m, start_m = lane.confidence >= LIKELY_CONFIDENCE, lane.ends_m, _start_m(lane, camera)
+    farthest_m = max(ends_m)
+    if farthest_m <= start_m:
+        return LaneOutline(NO_POINTS, (NO_POINTS, NO_POINTS), (NO_POINTS, NO_POINTS))
+    along_m = np.unique([*start_m * (farthest_m / start_m) ** SHARES, *np.clip(ends_m, start_m, farthest_m)])
+    # both lines, the outer, and the inner edges of their ribbons
+    inwards_m = np.array([[0.0], [BESIDE_M], [BESIDE_M + thickness * RIBBON_M]])
+    sides = np.multiply(SIDES, 1 - 2 * inwards_m / lane.width_m)
+    pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(3, 2, -1, 2)
+
+    def polygon(lines: np.ndarray, end_m: float) -> np.ndarray:
+        first, second = (visible_part(line[along_m <= end_m]) for line in lines)
+        return np.vstack([first, second[::-1]])
+
+    ribbons, dotted = [NO_POINTS, NO_POINTS], [NO_POINTS, NO_POINTS]
+    for k, (line, end_m) in enumerate(zip(lane.lines, ends_m, strict=True)):
+        if likely and line.seen:
+            ribbons[k] = polygon(pixels[1:, k], end_m)
+        else:
+            dotted[k] = visible_part(pixels[0, k][along_m <= end_m])
+    area = polygon(pixels[2], min(ends_m)) if likely else NO_POINTS
+    return LaneOutline(area, (ribbons[0], ribbons[1]), (dotted[0], dotted[1]))
+
+
+def _start_m(lane: Lane, camera: Camera) -> float:
+    """Where the drawing begins: below the image, or at the nearest marking if the bonnet hides the road before it."""
+    nearest_m = min(filter(None, (line.start_m for line in lane.lines)), default=0.0)
+    border_m = camera.pixels_to_road(np.array([[camera.width / 2, camera.height - 1.0]]))[0, 0]
+    hidden = nearest_m > HIDDEN_FACTOR * np.fmax(border_m, BirdsEyeView.near_m)
+    return nearest_m if hidden else NEAREST_M
 
 
 def describe_lane(lane: Lane | None) -> list[str]:
     """The result in words: bend, offset, types of the lines, state with confidence, and a warning if one is due."""
-    if lane is None:
-        return ["lane lost"]
+    if lane is None or lane.confidence < LEAST_CONFIDENCE:
+        return ["no lane"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
     lines = [
         lane.describe_bend(),
@@ -133,6 +238,35 @@ def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tu
     return process
 
 
+def _view_panel(view_image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
+    """The bird's-eye view, darkened, with the lines up to their reach; dotted if the lane is uncertain."""
+    panel = view.blacken(view_image) // 2
+    for k, line in enumerate(lane.lines if lane else ()):
+        y_m = lines_on_view(line.model[None], view.x_m, view.height_m)[0, k]
+        rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
+        columns = (view.y_m[0] - y_m[rows]) / view.cell_m
+        # without the rows that a line does not pass
+        points_px = canvas.finite_points(np.column_stack([columns, rows]))
+        if lane and lane.confidence >= LIKELY_CONFIDENCE:
+            canvas.draw_polyline(panel, points_px, COLOURS[("left", "right")[k]], 3)
+        else:
+            canvas.draw_dots(panel, points_px, COLOURS["uncertain"], 3, 9)
+    return panel[:, _shown(view)]
+
+
+def _shown(view: BirdsEyeView) -> np.ndarray:
+    # the tracker uses views of several widths: all are shown with the narrowest one
+    return np.abs(view.y_m) <= SHOWN_HALF_WIDTH_M
+
+
+def _draw_inset(image: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None) -> np.ndarray:
+    """The bird's-eye view with the lines, of the size of the inset."""
+    view = evidence.view if evidence else BirdsEyeView(camera)
+    panel = _view_panel(evidence.view_image if evidence else view.warp(image), lane, view)
+    size = round(INSET_SHARE[0] * camera.width), round(INSET_SHARE[1] * camera.height)
+    return cv2.resize(panel, size, interpolation=cv2.INTER_AREA)
+
+
 def _mosaic(
     image: np.ndarray, drawn: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None
 ) -> np.ndarray:
@@ -141,15 +275,12 @@ def _mosaic(
         view = BirdsEyeView(camera)
         evidence = find_evidence(image, view, quick=True)
     view = evidence.view
-    # the tracker uses views of several widths: all are shown with the same one
-    shown = np.abs(view.y_m) <= MOSAIC_HALF_WIDTH_M
-    birdseye = view.blacken(evidence.view_image)
     # paint in good condition has four times the smallest strength of a stripe
     strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * PAINT.min_strength))
     panels = {
-        "bird's-eye view": birdseye[:, shown],
-        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, shown],
-        "fitted lines": _draw_fit(birdseye // 2, lane, view)[:, shown],
+        "bird's-eye view": view.blacken(evidence.view_image)[:, _shown(view)],
+        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, _shown(view)],
+        "fitted lines": _view_panel(evidence.view_image, lane, view),
     }
     words = [f"{name}: {text}" for name, text in lane.summary().items()] if lane else ["no lane"]
     return _arrange_mosaic(drawn, panels, words)
@@ -159,24 +290,11 @@ def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: S
     """A picture of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
     height, width = main.shape[:2]
     split, third = 2 * width // 3, height // 3
-    mosaic = np.full_like(main, PANEL_COLOUR)
+    mosaic = np.full_like(main, canvas.PANEL_COLOUR)
     mosaic[: 2 * third, :split] = cv2.resize(main, (split, 2 * third), interpolation=cv2.INTER_AREA)
     for number, (title, picture) in enumerate(panels.items()):
         panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
-        put_text(panel, title, size_px=third // 14)
+        canvas.put_text(panel, title, size_px=third // 14)
         mosaic[number * third : (number + 1) * third - 2, split + 2 :] = panel
-    put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
+    canvas.put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
     return mosaic
-
-
-def _draw_fit(image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
-    """The bird's-eye view, on which the lines are drawn, each up to its reach."""
-    if lane is None:
-        return image
-    lines_y_m = lines_on_view(lane.model[None], view.x_m, view.height_m)[0]
-    for line, y_m, colour in zip(lane.lines, lines_y_m, (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
-        rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
-        columns = (view.y_m[0] - y_m[rows]) / view.cell_m
-        # without the rows that a line does not pass
-        draw_polyline(image, finite_points(np.column_stack([columns, rows])), colour, 3)
-    return image

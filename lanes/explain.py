@@ -16,12 +16,12 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.describe import describe_bend
-from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_terms
+from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_losses, log_odds_terms
 from lanes.detect.evidence import Evidence
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.paint import PAINT, lightness, strength_weight
-from lanes.detect.road import CENTRE, CURVATURE, PITCH, WIDTH, is_ego_lane, lateral_std_m
+from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
@@ -96,13 +96,14 @@ class Explanation(ByValue):
         return "\n".join(lines)
 
     def describe_result(self) -> list[str]:
-        """Lines of text: the lane, the terms of the confidence as log odds, and the best of the rejected lanes."""
+        """Lines of text: the lane, the terms of its confidence, the weakest evidence, the best rejected lanes."""
         words = {"state": LOST}
         if self.lane:
             terms = log_odds_terms(self.lane)
             total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
             odds = f"log odds {sum(terms.values()):+.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
+            words["weakest"], _ = _weakest_evidence(self.lane, "")
         rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
 
@@ -303,7 +304,7 @@ def _check_lane(lane: Lane, pose_advice: str, pose_doubt: str | None) -> Step:
         failure = f"the camera seems to look {turned} than its pose says."
         return Step("lane", summary, failure, "On a crest or a bump no action is needed. Otherwise: " + pose_advice)
     if lane.confidence < LIKELY_CONFIDENCE:
-        failure, advice = _explain_low_confidence(lane, pose_advice)
+        failure, advice = _weakest_evidence(lane, pose_advice)
         if pose_doubt:
             failure = f"{failure} The camera pose is doubtful, too: {pose_doubt}"
             advice = f"{advice.removesuffix(pose_advice)} {pose_advice}"
@@ -311,8 +312,8 @@ def _check_lane(lane: Lane, pose_advice: str, pose_doubt: str | None) -> Step:
     return Step("lane", summary)
 
 
-def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
-    """Failure and advice for the most likely cause of a low confidence."""
+def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
+    """What speaks most against a lane, likely or not, and what to do."""
     unseen = [name for name, line in (("left", lane.left), ("right", lane.right)) if not line.seen]
     if lane.state == COASTING and len(unseen) == 2:
         failure = "neither line is seen; the lane is predicted from the frames before."
@@ -324,13 +325,17 @@ def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
             "wrong. " + pose_advice,
         )
-    if _is_the_cause(lane, "other lanes"):
-        return (
-            f"only {lane.same_lane_share:.0%} of the camera poses that fit this picture show this lane, because one "
-            "picture shows the pose only roughly.",
-            "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
-        )
-    if _is_the_cause(lane, "odd heading"):
+    losses = log_odds_losses(lane)
+    return _describe_weakness(lane, max(losses, key=losses.__getitem__), pose_advice)
+
+
+def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:
+    """A feature of the confidence in words, and what to do if it is bad."""
+    left, right = lane.lines
+    frames = "No action is needed if the next frames are better."
+    if not lane.tracked:
+        frames = "Use the video instead of a still: the tracker combines many frames."
+    if feature == "odd heading":
         yaw_rad = lane.camera_yaw_rad or 0.0
         if abs(yaw_rad) > abs(lane.heading_rad):
             return describe_wrong_yaw(-yaw_rad) + ".", pose_advice
@@ -339,32 +344,39 @@ def _explain_low_confidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
             "in a usual bend or lane change.",
             "In a sharp lane change no action is needed. Otherwise: " + pose_advice,
         )
-    if _is_the_cause(lane, "odd width"):
-        return (
+    words = {
+        "other lanes": (
+            f"only {lane.same_lane_share or 0:.0%} of the camera poses that fit this picture show this lane, because "
+            "one picture shows the pose only roughly.",
+            "Give a camera file with a pose, or several pictures or a video of the drive: `python -m lanes pose`.",
+        ),
+        "odd width": (
             f"the lane width of {lane.width_m:.1f} m is implausible (usual: {USUAL_WIDTH_M} m): one of the "
             "lines may be a kerb, a crack or a line of another lane, or the road is unusual.",
             "Check in the panel with the fit which line lies on paint. If all lanes are like this: " + pose_advice,
-        )
-    if _is_the_cause(lane, "between"):
-        return (
+        ),
+        "between": (
             f"other lines run between those of the lane: {lane.clear_share:.0%} of the stripes along it are its own.",
             "Check in the panel with the stripes what lies between the lines: a floor of tiles, a road with other "
             "markings, or two lanes that are taken for one. If a line of the lane itself lies there: " + pose_advice,
-        )
-    std_m = lateral_std_m(lane.covariance, 20.0).max()
-    return (
-        f"the worse line has a standard deviation of {std_m:.1f} m at 20 m ahead: the paint found "
-        f"ends after {lane.left.reach_m:.0f} m (left) and {lane.right.reach_m:.0f} m (right).",
-        "No action is needed if the next frames are better."
-        if lane.tracked
-        else "Use the video instead of a still: the tracker combines many frames.",
-    )
-
-
-def _is_the_cause(lane: Lane, feature: str) -> bool:
-    """Whether the confidence would be high enough without this feature."""
-    terms = log_odds_terms(lane)
-    return sum(terms.values()) - terms[feature] >= np.log(LIKELY_CONFIDENCE / (1 - LIKELY_CONFIDENCE))
+        ),
+        "clutter": (
+            f"the lines explain {lane.inlier_share:.0%} of what looks like paint.",
+            "Check in the panel with the stripes what else looks like paint, such as letters, cracks and reflections. "
+            + frames,
+        ),
+        "support": (
+            f"there is paint on {min(left.support, 1):.0%} of the left and {min(right.support, 1):.0%} of the right "
+            "line.",
+            frames,
+        ),
+        "near std": (
+            f"the worse line has a standard deviation of {lateral_std_m(lane.covariance, 20.0).max():.1f} m at 20 m "
+            f"ahead: the paint found ends after {left.reach_m:.0f} m (left) and {right.reach_m:.0f} m (right).",
+            frames,
+        ),
+    }
+    return words.get(feature, (f"{feature!r} contributes least to the confidence.", frames))
 
 
 def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:
@@ -383,8 +395,8 @@ def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidat
 
 
 def _describe_place(lane: np.ndarray) -> str:
-    side = "left" if lane[CENTRE] > 0 else "right"
-    return f"{lane[WIDTH]:.1f} m wide, centre {abs(lane[CENTRE]):.1f} m {side}"
+    left_m, right_m = lane[CENTRE] + SIDES * lane[WIDTH] / 2
+    return f"lines at {left_m:+.1f} and {right_m:+.1f} m"
 
 
 def _describe_paint(support: np.ndarray) -> str:

@@ -21,7 +21,6 @@ from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import road_height
-from lanes.draw import SHORTEST_M
 from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translate_write_errors
 from lanes.track.tracker import LaneTracker
 from lanes.video.robot_log import LogIndex
@@ -86,9 +85,9 @@ class LaneMessageWriter(TelemetryWriter):
         pose, scale = t["Pose"](t["Point"](0, 0, 0), t["Quaternion"](0, 0, 0, 1)), t["Vector3"](WIDTH_M, 0, 0)
         texture, mesh = t["CompressedImage"](header, "", no_bytes), t["MeshFile"]("", no_bytes)
         colour = np.divide(LANE_COLOUR if lane and lane.confidence >= LIKELY_CONFIDENCE else UNLIKELY_COLOUR, 255)
-        markers, reach_m = [], max(lane.left.reach_m, lane.right.reach_m, SHORTEST_M) if lane else 0.0
+        markers, ends_m = [], lane.ends_m if lane else (0.0, 0.0)
         for number, line in enumerate((*lane.lines, *lane.adjacent) if lane else (None,) * 4):
-            x_m = SHARES * (line.reach_m if number > 1 else reach_m) if line else SHARES
+            x_m = SHARES * (line.reach_m if number > 1 else ends_m[number]) if line else SHARES
             offset_m = lane.camera_offset_m if lane else 0.0
             yz_m = (line.y(x_m) + offset_m, road_height(line.model, x_m)) if line else ()
             points = [t["Point"](*xyz) for xyz in np.column_stack([x_m, *yz_m]) if line and np.isfinite(xyz).all()]

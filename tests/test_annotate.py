@@ -224,14 +224,14 @@ def test_the_result_names_the_median_confidence(drive, tmp_path):
         for result in results:
             known = result.telemetry["state"] != "lost"
             medians.append(np.median(result.telemetry["confidence"][known]) if known.any() else None)
-            words = "lost for" if "drive.mp4" in result.description else "lane found in"
+            words = "lost for" if "drive.mp4" in result.description else "no lane in"
             line = next(line for line in result.description.splitlines() if words in line)
             assert known.any() == ("median confidence" in line)
             assert medians[-1] is None or f", median confidence {medians[-1]:.2f};" in line
     assert medians[0] > 0.8 and medians[1] > 0.8 and (medians[2] is None or medians[2] < 0.5)
     write_image(tmp_path / "grey.png", GREY)
     (result,) = quietly(tmp_path / "grey.png", tmp_path / "grey", report=False)
-    assert "lane found in 0; wrote" in result.description
+    assert "no lane in 100% of them; wrote" in result.description
 
 
 def test_lost_sound_is_stated(tmp_path):

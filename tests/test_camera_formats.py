@@ -169,11 +169,14 @@ def test_a_skew_is_that_of_the_projection():
 
 
 def test_offset_and_source_of_the_lens_stay_in_the_file(tmp_path):
-    camera = replace(Camera.from_fov((640, 360), 60), offset_m=-0.65)
+    camera = replace(Camera.from_fov((640, 360), 60), offset_m=-0.65, car_width_m=2.5)
     loaded = load_camera(save_camera(camera, tmp_path / "camera.yaml"))
-    assert loaded.offset_m == -0.65 and not loaded.calibrated
+    assert (loaded.offset_m, loaded.car_width_m) == (-0.65, 2.5) and not loaded.calibrated
     plain = load_camera(save_camera(LENS, tmp_path / "camera.yaml"))
     assert plain.offset_m == 0 and plain.calibrated and "offset" not in (tmp_path / "camera.yaml").read_text()
     (tmp_path / "far.yaml").write_text((tmp_path / "camera.yaml").read_text() + "camera_offset_m: 65\n")
     with pytest.raises(CameraError, match="65 m beside"):
         load_camera(tmp_path / "far.yaml")
+    (tmp_path / "wide.yaml").write_text((tmp_path / "camera.yaml").read_text() + "car_width_m: 9\n")
+    with pytest.raises(CameraError, match="9 m wide is not plausible"):
+        load_camera(tmp_path / "wide.yaml")

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.canvas import blend_polygon, draw_polyline, put_text
+from lanes.canvas import blend_polygon, draw_dots, draw_polyline, line_height, put_text, text_size
 from lanes.images import to_rgb
 from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 
@@ -82,10 +82,39 @@ def test_text_is_readable_on_any_background(background):
     assert (luminance.max() + 0.05) / (np.median(luminance) + 0.05) >= 4.5
 
 
-def test_the_size_of_text_follows_the_picture():
-    pictures = [np.zeros((height, 2 * height, 3), np.uint8) for height in (180, 720)]
-    small, large = (with_text(image, "R", panel_alpha=0).any(axis=(1, 2)).sum() for image in pictures)
-    assert large / small == pytest.approx(4, rel=0.15)
+def test_the_size_of_text_follows_the_area():
+    sizes = {(1280, 720): 30, (720, 1280): 30, (640, 360): 15, (640, 180): 14, (3840, 2160): 90}
+    assert {size: text_size(*size) for size in sizes} == sizes
+    pictures = [np.zeros((height, width, 3), np.uint8) for width, height in sizes]
+    rows = [with_text(image, "R", panel_alpha=0).any(axis=(1, 2)).sum() for image in pictures]
+    assert rows[1] == rows[0] == pytest.approx(2 * rows[2], abs=2) and rows[4] == pytest.approx(3 * rows[0], abs=3)
+
+
+@pytest.mark.parametrize("size", [(1280, 720), (480, 768), (640, 180), (640, 360)])
+def test_the_size_of_text_does_not_depend_on_the_words(size):
+    """The longest words of a lane fit at the usual size, so that text does not jump from frame to frame."""
+    longest = [
+        *["0.12 m left of centre"] * 2,
+        "white double solid | yellow double dashed",
+        "searching, confidence 0.45 (uncertain)",
+    ]
+    rows = []
+    for lines in (["tracking"], [*longest, "tracking"]):
+        drawn = with_text(np.zeros((*size[::-1], 3), np.uint8), lines, panel_alpha=0)
+        last = (len(lines) - 1) * line_height(text_size(*size))
+        # below the descenders of the line before
+        rows.append(np.flatnonzero(drawn[last + text_size(*size) // 2 :].max(axis=(1, 2)) > 40)[[0, -1]].tolist())
+    assert rows[0] == rows[1]
+
+
+def test_dots_lie_on_the_line_a_step_apart():
+    image = np.zeros((96, 160, 3), np.uint8)
+    draw_dots(image, np.array([[-1e6, 40.0], [0.0, 40], [100, 40]]), WHITE, 4.0, 20.0)
+    marked = np.flatnonzero(image[40, :, 0] > 230)
+    assert [round(some.mean()) for some in np.split(marked[3:], np.flatnonzero(np.diff(marked[3:]) > 1) + 1)] == [
+        *range(20, 101, 20)
+    ]
+    assert not image[:36].any() and not image[45:].any()
 
 
 def test_signs_beyond_ascii_are_drawn():

@@ -68,7 +68,8 @@ def test_annotate_a_video(drive, tmp_path, run):
     status, out, err = run("annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", tmp_path / "out")
     assert (status, err) == (0, "")
     assert re.search(
-        r"drive\.mp4: 20 frames, lane tracked in \d{2,3}% of them, lost for 0\.0 s, median confidence [01]\.\d\d;",
+        r"drive\.mp4: 20 frames, confidence 0\.9 or more in \d+%, 0\.5 to 0\.9 in \d+%, below 0\.5 in 0%, "
+        r"no lane in 0% of them; lost for 0\.0 s, median confidence [01]\.\d\d;",
         out,
     )
     assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
@@ -261,6 +262,10 @@ MISUSE = {
     "explain: no camera file": (2, "none.yaml: there is no such", "explain {drive}/sky/sky.png --camera none.yaml"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
     "explain: odd time": (2, "soon does not do", "explain {drive}/drive.mp4 --hfov 60 --at soon"),
+    "explain: bad minutes": (2, "1:75 does not do; give less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
+    "explain: late minute": (2, "no frame at 61.5 s", "explain {drive}/drive.mp4 --hfov 60 --at 1:01.5"),
+    "annotate: odd start": (2, "x:2 does not do; give seconds, or a time", "annotate {drive}/drive.mp4 --start x:2"),
+    "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
     "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
     "explain: outside": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --start 0.4 --at 0.2"),
     "explain: no video": (2, "cannot be read as a video", "explain {drive}/bad.yaml --hfov 60 --at 2"),

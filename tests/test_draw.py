@@ -1,4 +1,4 @@
-"""The lane drawn on a raw image: in the right place, no farther than the evidence, in three styles, words if lost."""
+"""The lane drawn on a raw image: beside its paint, no farther than the evidence, as its confidence allows."""
 
 from __future__ import annotations
 
@@ -9,26 +9,42 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.evidence import find_evidence
-from lanes.detect.lane import LineEvidence
-from lanes.draw import MOSAIC_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outlines, track_lane
+from lanes.detect.lane import Lane, LineEvidence
+from lanes.draw import BESIDE_M, COLOURS, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline, track_lane
 from lanes.errors import PictureError
 from lanes.track.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 from tests.support.shapes import a_lane
 
 
-def test_outlines_lie_on_the_paint():
-    _, lane = tracked_bends()
-    truth = BENDS.truth(3 / 25)
-    for k, outline in enumerate(lane_outlines(lane, SMALL)):
-        x = np.linspace(6, 30, 200)
-        paint = SMALL.road_to_pixels(np.column_stack([x, truth.line_y(k, x)]))
-        inside = outline[(outline[:, 1] < paint[0, 1]) & (outline[:, 1] > paint[-1, 1])]
-        assert len(inside) > 5
-        column = np.interp(inside[:, 1], paint[::-1, 1], paint[::-1, 0])
-        np.testing.assert_allclose(inside[:, 0], column, atol=2.0)
+def at(confidence: float, lane: Lane) -> Lane:
+    """The same lane with another confidence."""
+    shift = np.log(confidence / (1 - confidence)) - np.log(lane.confidence / (1 - lane.confidence))
+    return replace(lane, confidence_shift=lane.confidence_shift + shift)
+
+
+def pixels_at(x_m: float | np.ndarray, y_m: float | np.ndarray) -> np.ndarray:
+    return SMALL.road_to_pixels(np.column_stack(np.broadcast_arrays(x_m, y_m)))
+
+
+def is_colour(image: np.ndarray, name: str) -> np.ndarray:
+    return (np.abs(image.astype(int) - COLOURS[name]).max(axis=-1)) <= 30
+
+
+def test_ribbons_lie_beside_the_paint_and_taper():
+    """They begin at the inner edge of a stripe, and are as wide as a strip of the road."""
+    image, lane = tracked_bends()
+    drawn, truth = draw_lane(image, lane, SMALL), BENDS.truth(3 / 25)
+    for side, name, x_m in ((1, "left", 7.0), (-1, "right", 7.0), (1, "left", 14.0)):
+        y_m = truth.line_y(0 if side > 0 else 1, np.array([x_m]))[0]
+        (stripe, row), (edge, _) = (pixels_at(x_m, y)[0] for y in (y_m, y_m - side * BESIDE_M))
+        across = np.flatnonzero(is_colour(drawn[round(row)], name))
+        scale_px = abs(stripe - edge) / BESIDE_M
+        begins = across.min() if side > 0 else across.max()
+        assert begins == pytest.approx(edge, abs=2.5)
+        assert np.ptp(across) == pytest.approx(0.07 * scale_px, abs=2.5)
+        np.testing.assert_array_equal(drawn[round(row), round(stripe)], image[round(row), round(stripe)])
 
 
 @pytest.mark.parametrize("size", [(1280, 720), (480, 768)], ids=["wide", "portrait"])
@@ -37,22 +53,42 @@ def test_the_lane_is_drawn_down_to_the_lower_border(size, height_m):
     _, lane = tracked_bends()
     camera = Camera.from_fov(size, 60, CameraPose(height_m, pitch_rad=0.05))
     image = np.full((*size[::-1], 3), 100, np.uint8)
-    for style, inside in (("lane", [40, 136, 97]), ("lines", [100, 100, 100])):
+    for style, inside in (("lane", [70, 136, 97]), ("lines", [100, 100, 100])):
         row = draw_lane(image, lane, camera, style=style)[-1].astype(int)
         red, blue = row[:, 0] - row[:, 2] > 100, row[:, 2] - row[:, 0] > 100
-        left, right = (outline[outline[:, 1] >= size[1] - 1][-1, 0] for outline in lane_outlines(lane, camera))
+        # the second half of a ribbon is its inner edge, from the far end on
+        inner = (ribbon[len(ribbon) // 2 :] for ribbon in lane_outline(lane, camera).ribbons)
+        left, right = (np.interp(size[1] - 1, edge[:, 1], edge[:, 0]) for edge in inner)
         # a line that leaves the image at its side does not reach the lower border
         assert red.any() == (left > 0) and blue.any() == (right < size[0])
-        np.testing.assert_allclose(row[size[0] // 2], inside, atol=32)
+        np.testing.assert_allclose(row[size[0] // 2], inside, atol=2)
 
 
-def test_outlines_end_with_the_evidence():
-    _, lane = tracked_bends()
-    reach_m = max(lane.left.reach_m, lane.right.reach_m)
-    assert 25 < reach_m <= 70
-    top = min(outline[:, 1].min() for outline in lane_outlines(lane, SMALL))
-    horizon_row = SMALL.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
-    assert top > horizon_row + 4
+def test_nothing_is_drawn_on_the_bonnet():
+    """The nearest marking that was ever seen is 9 m away: what is nearer is hidden."""
+    image, lane = tracked_bends()
+    hidden = replace(lane, evidence=tuple(replace(line, start_m=9.0) for line in lane.evidence))
+    drawn = draw_lane(image, hidden, SMALL)
+    first = round(pixels_at(9.0, 0.0)[0, 1])
+    np.testing.assert_array_equal(drawn[first + 3 :], image[first + 3 :])
+    assert (drawn[first - 10] != image[first - 10]).any()
+    assert 4.9 < min(line.start_m for line in lane.evidence) < 6.5
+
+
+def test_each_line_ends_with_its_evidence_and_the_area_with_the_nearer_one():
+    image, lane = tracked_bends()
+    left, right = lane.evidence
+    lane = replace(lane, evidence=(replace(left, reach_m=24.0), replace(right, reach_m=14.0)))
+    outline = lane_outline(lane, SMALL)
+    for ribbon, end_m in zip(outline.ribbons, (24.0, 14.0), strict=True):
+        assert ribbon[:, 1].min() == pytest.approx(pixels_at(end_m, 0.0)[0, 1], abs=1.0)
+    assert outline.area[:, 1].min() == pytest.approx(pixels_at(14.0, 0.0)[0, 1], abs=1.0)
+    # an inferred line ends with the other one, and is dotted
+    inferred = replace(lane, evidence=(lane.evidence[0], LineEvidence()))
+    outline = lane_outline(at(0.9, inferred), SMALL)
+    assert not len(outline.ribbons[1]) and not len(outline.dotted[0])
+    assert outline.dotted[1][:, 1].min() == pytest.approx(pixels_at(24.0, 0.0)[0, 1], abs=1.0)
+    assert draw_lane(image, replace(lane, evidence=(LineEvidence(), LineEvidence())), SMALL).shape == image.shape
 
 
 def test_drawing_tints_the_lane_and_leaves_the_rest():
@@ -88,10 +124,10 @@ def test_drawing_on_the_picture_itself_gives_the_same():
     np.testing.assert_array_equal(own, draw_lane(image, lane, SMALL))
 
 
-def test_lost_draws_words_only():
+def test_without_a_lane_words_only_are_drawn():
     image, _ = tracked_bends()
     drawn = draw_lane(image, None, SMALL)
-    assert describe_lane(None) == ["lane lost"]
+    assert describe_lane(None) == ["no lane"]
     changed = np.argwhere((drawn != image).any(axis=2))
     assert len(changed) > 50
     assert changed[:, 0].max() < 60
@@ -113,16 +149,28 @@ def test_another_size_is_refused():
         draw_lane(np.zeros((720, 1280, 3), np.uint8), lane, SMALL)
 
 
-def test_the_area_of_an_uncertain_lane_is_orange():
+@pytest.mark.parametrize(("confidence", "filled"), [(0.95, True), (0.51, True), (0.49, False), (0.1, False)])
+def test_the_confidence_decides_what_is_drawn(confidence, filled):
+    """A likely lane is filled, and its lines are ribbons; others are dotted, without an area."""
     image, lane = tracked_bends()
-    uncertain = replace(lane, inlier_share=0.001, model=lane.model + [0, 0.9, *np.zeros(13)])
-    assert uncertain.confidence < LIKELY_CONFIDENCE < lane.confidence
-    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, -0.3]]))[0]).astype(int)
-    red, green, _ = draw_lane(image, uncertain, SMALL)[v, u].astype(int)
-    assert red > green + 10
-    assert describe_lane(uncertain)[3].endswith(" (uncertain)")
-    red, green, _ = draw_lane(image, lane, SMALL)[v, u].astype(int)
-    assert green > red + 30
+    doubted = at(confidence, lane)
+    assert doubted.confidence == pytest.approx(confidence)
+    drawn = draw_lane(image, doubted, SMALL)
+    (u, v), (far_u, far_v) = np.round(pixels_at(np.array([10.0, 16.0]), -0.3)).astype(int)
+    assert (drawn[v, u] != image[v, u]).any() == (drawn[far_v, far_u] != image[far_v, far_u]).any() == filled
+    name = "left" if filled else "uncertain"
+    rows = is_colour(drawn[round(pixels_at(16.0, 0.0)[0, 1]) : -5, : SMALL.width // 2], name).any(axis=1)
+    assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75
+
+
+def test_a_lane_that_is_hardly_possible_is_a_thin_hint_and_no_lane_in_words():
+    image, lane = tracked_bends()
+    uncertain, hint = at(0.3, lane), at(0.1, lane)
+    assert describe_lane(uncertain)[3].endswith(", confidence 0.30 (uncertain)")
+    assert describe_lane(hint) == describe_lane(None)
+    drawn = [draw_lane(image, some, SMALL, parts=["area", "lines"]) for some in (uncertain, hint)]
+    many, few = ((some != image).any(axis=2).sum() for some in drawn)
+    assert 0 < few < 0.7 * many
     assert "(uncertain)" not in describe_lane(lane)[3]
 
 
@@ -134,8 +182,54 @@ def test_a_warning_that_is_due_is_in_words():
 
 def test_an_unknown_style_is_refused():
     image, lane = tracked_bends()
-    with pytest.raises(ValueError, match=r"no style 'lanes'; the styles are lane, lines, mosaic\.$"):
+    with pytest.raises(ValueError, match=r"no style 'lanes'; the styles are lane, lines, inset, mosaic\.$"):
         draw_lane(image, lane, SMALL, style="lanes")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"parts": ["wheels"]}, "no part 'wheels'; the parts are area, lines"),
+        ({"colours": {"middle": (0, 0, 0)}}, "no colour 'middle'; the colours are area, left"),
+        ({"thickness": 0.0}, "give a thickness above 0"),
+        ({"opacity": 1.5}, "an opacity from 0 to 1, not 1 and 1.5"),
+    ],
+)
+def test_what_cannot_be_drawn_is_refused(options, words):
+    image, lane = tracked_bends()
+    with pytest.raises(ValueError, match=words):
+        draw_lane(image, lane, SMALL, **options)
+
+
+def test_colours_thickness_opacity_and_parts_are_those_asked_for():
+    image, lane = tracked_bends()
+    plain = draw_lane(image, lane, SMALL, parts=["area"])
+    (u, v) = np.round(pixels_at(10.0, -0.3)[0]).astype(int)
+    np.testing.assert_allclose(plain[v, u], 0.7 * image[v, u] + 0.3 * np.array(COLOURS["area"]), atol=1)
+    strong = draw_lane(image, lane, SMALL, parts=["area"], opacity=1.0, colours={"area": (1, 2, 3)})
+    assert strong[v, u].tolist() == [1, 2, 3]
+    assert not is_colour(plain, "left").any()
+    widths = [
+        is_colour(draw_lane(image, lane, SMALL, parts=["lines"], thickness=t)[v], "left").sum() for t in (1.0, 3.0)
+    ]
+    assert widths[1] > 2 * widths[0] > 0
+    np.testing.assert_array_equal(draw_lane(image, lane, SMALL, parts=[]), image)
+
+
+def test_the_inset_shows_the_road_from_above():
+    image, lane = tracked_bends()
+    drawn, plain = draw_lane(image, lane, SMALL, style="inset"), draw_lane(image, lane, SMALL)
+    height, width = image.shape[:2]
+    inset = np.s_[: round(0.42 * height), width - round(0.2 * width) :]
+    outside = (drawn != plain).any(axis=2)
+    outside[inset] = False
+    assert not outside.any()
+    panel = drawn[inset].astype(int)
+    # the lines of a lane of 3.6 m, seen 0.3 m left of its middle, near the car
+    columns = (SHOWN_HALF_WIDTH_M + np.array([0.3 - 1.8, 0.3 + 1.8])) / (2 * SHOWN_HALF_WIDTH_M) * panel.shape[1]
+    red = np.flatnonzero((panel[-10:, :, 0] - panel[-10:, :, 1] > 60).any(axis=0))
+    blue = np.flatnonzero((panel[-10:, :, 2] - panel[-10:, :, 0] > 60).any(axis=0))
+    assert np.median(red) == pytest.approx(columns[0], abs=5) and np.median(blue) == pytest.approx(columns[1], abs=5)
 
 
 @pytest.mark.parametrize("style", STYLES)
@@ -147,15 +241,11 @@ def test_styles_keep_the_picture_size_and_show_the_lost_state(style):
     assert (drawn != lost).any(axis=2).mean() > 0.005
 
 
-def test_lines_style_draws_on_the_paint_only():
+def test_lines_style_draws_no_area():
     image, lane = tracked_bends()
     drawn = draw_lane(image, lane, SMALL, style="lines")
-    x = np.array([9.0, 14.0])
-    truth = BENDS.truth(3 / 25)
-    for side, channel in ((0, 0), (1, 2)):
-        u, v = np.round(SMALL.road_to_pixels(np.column_stack([x, truth.line_y(side, x)]))).astype(int).T
-        assert (drawn[v, u, channel] > drawn[v, u, 1] + 60).all()
-    u, v = np.round(SMALL.road_to_pixels(np.array([[10.0, 0.0]]))[0]).astype(int)
+    assert is_colour(drawn, "left").any() and is_colour(drawn, "right").any()
+    u, v = np.round(pixels_at(10.0, 0.0)[0]).astype(int)
     np.testing.assert_array_equal(drawn[v, u], image[v, u])
 
 
@@ -166,7 +256,7 @@ def test_mosaic_shows_fit_and_marking_response():
     panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
     response, fit = panels[1][30:-8], panels[2]
     # the lines of a lane of 3.6 m, seen 0.3 m left of its middle, near the car
-    half_m = MOSAIC_HALF_WIDTH_M
+    half_m = SHOWN_HALF_WIDTH_M
     rows, columns = fit[-20:], (half_m + np.array([0.3 - 1.8, 0.3 + 1.8])) / (2 * half_m) * fit.shape[1]
     red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))

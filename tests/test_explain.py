@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera
-from lanes.detect.lane import Lane
+from lanes.detect.lane import Lane, LineEvidence
 from lanes.errors import CameraError, PictureError
 from lanes.explain import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
 from lanes.figures import show_explanation
@@ -69,6 +69,32 @@ class TestGoodImage:
         assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text)
         assert "failed" not in text
         assert repr(good).endswith("failed at no step)")
+
+    def test_the_weakest_evidence_is_named(self, good):
+        """Also of a lane that is likely; here the dashes of the right line."""
+        left, right = (min(line.support, 1) for line in good.lane.lines)
+        assert (
+            f"weakest    there is paint on {left:.0%} of the left and {right:.0%} of the right line." in good.describe()
+        )
+        lane = replace(good.lane, evidence=(good.lane.evidence[0], LineEvidence()))
+        one = replace(good, detection=replace(good.detection, lane=lane))
+        assert "weakest    the right line is not seen; its position follows from the other line" in one.describe()
+
+    @pytest.mark.parametrize(
+        ("change", "words"),
+        [
+            ({"clear_share": 0.3}, "other lines run between those of the lane: 30% of the stripes"),
+            ({"inlier_share": 0.1}, "the lines explain 10% of what looks like paint."),
+            ({"same_lane_share": 0.2}, "only 20% of the camera poses"),
+            ({"camera_yaw_rad": 0.1}, "the camera seems to look 5.7 deg farther to the right"),
+        ],
+    )
+    def test_each_feature_of_the_confidence_can_be_the_weakest(self, good, change, words):
+        weak = replace(good, detection=replace(good.detection, lane=replace(good.lane, **change)))
+        assert f"weakest    {words}" in weak.describe()
+
+    def test_a_rejected_lane_has_its_lines_and_the_reason(self, good):
+        assert re.search(r"rejected   lines at [+-]\d\.\d and [+-]\d\.\d m: (not the ego|less paint)", good.describe())
 
     def test_a_detection_that_is_given_is_not_made_again(self, good, monkeypatch):
         monkeypatch.delattr(sys.modules["lanes.explain"], "detect_still")

@@ -19,8 +19,9 @@ if TYPE_CHECKING:
     from lanes.detect.lane import Lane
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A lane with less confidence than the first is called uncertain; one with the second counts as sure.
-LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.5, 0.9
+# A lane with less confidence than the first is shown as no lane, with less than the second it is called uncertain; one
+# with the third counts as sure.
+LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
     "constant": -5.36,
@@ -32,6 +33,8 @@ WEIGHTS = {
     "clutter": 0.49,
     "support": 1.77,
 }
+# Limits of features: the lines of a floor of tiles are as certain as those of a road; two solid lines.
+MIN_NEAR_STD_M, MAX_SUPPORT = 0.1, 1.5
 # Usual width of lanes, and its standard deviation; that of a lane with its own pose, whose height is uncertain, too.
 USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
 
@@ -47,9 +50,9 @@ def lane_features(lane: Lane) -> dict[str, float]:
     return {
         "constant": 1.0,
         # Standard deviation (metres) of the less certain line 15 m ahead, for the noise that the fit assumes; that of
-        # the errors (`Lane.covariance`) separates right and wrong lanes less well. At least 0.1 m: the lines of a
-        # floor of tiles are as certain as those of a road. The borders of a room's floor end before.
-        "near std": float(np.log(max(near_std_m, 0.1))),
+        # the errors (`Lane.covariance`) separates right and wrong lanes less well. The borders of a room's floor end
+        # before.
+        "near std": float(np.log(max(near_std_m, MIN_NEAR_STD_M))),
         # Tiles and bricks have lines between those of the lane; so have two lanes that are taken for one.
         "between": float(np.log(lane.clear_share)),
         # A crack or kerb taken for a line is seldom a lane's width away from the other line.
@@ -60,8 +63,8 @@ def lane_features(lane: Lane) -> dict[str, float]:
         # Share of all paint-like stripes in view that the lane and its neighbours explain: bricks and letters look like
         # paint, too.
         "clutter": float(np.log(max(lane.inlier_share, 0.02))),
-        # Roots of the supports of both lines; at most that of two solid lines.
-        "support": min(lane.left.support**0.5 + lane.right.support**0.5, 1.5),
+        # Roots of the supports of both lines.
+        "support": min(lane.left.support**0.5 + lane.right.support**0.5, MAX_SUPPORT),
     }
 
 
@@ -74,6 +77,13 @@ def log_odds_terms(lane: Lane) -> dict[str, float]:
     """What the features of a lane contribute to the log odds, by name."""
     terms = {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
     return terms | {"constant": terms["constant"] + lane.confidence_shift}
+
+
+def log_odds_losses(lane: Lane) -> dict[str, float]:
+    """What the features of a lane cost, compared with the best possible values, by name; the largest is the weakest."""
+    best = {"near std": float(np.log(MIN_NEAR_STD_M)), "support": MAX_SUPPORT}
+    terms = log_odds_terms(lane)
+    return {name: WEIGHTS[name] * best.get(name, 0.0) - terms[name] for name in WEIGHTS if name != "constant"}
 
 
 def log_odds(lane: Lane) -> float:

@@ -57,6 +57,9 @@ class FitSettings:
     # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
     support_far_m: float = 50.0
     min_support_rows: int = 30
+    # A line ends, for `Fit.extent_m`, before a longer gap in its stripes: German dashes are 12 m apart, and may be half
+    # seen at either end. Stripes behind such a gap are often on a vehicle that hides the road.
+    max_gap_m: float = 16.0
     # A line is seen if its support is at least this. A lane is seen if its lines and the far lines of adjacent lanes
     # together have this support.
     min_support: float = 0.03
@@ -126,10 +129,20 @@ class Fit:
         return self.on_line & (self.weight > min_weight)[:, None]
 
     @cached_property
-    def reach_m(self) -> np.ndarray:
-        """(K, 2) distance of the farthest stripe of each line on the lane's road; 0 without any."""
-        flat_m = np.where(self.members, self.stripes.x_m, 1.0).max(axis=-1, initial=1.0)
-        return np.where(self.members.any(axis=-1), intersect_ground(flat_m, self.lanes, self.view.height_m).x_m, 0.0)
+    def extent_m(self) -> np.ndarray:
+        """(K, 2, 2) distance of the nearest and the farthest stripe of each line on the lane's road; 0 without any.
+
+        The farthest one is the last before a gap of more than `max_gap_m`.
+        """
+        beyond_m = np.full((*self.members.shape[:2], 1), 1e6)
+        x_m = np.sort(np.where(self.members, self.stripes.x_m, beyond_m), axis=-1)
+        x_m = np.concatenate([x_m, beyond_m], axis=-1)
+        last = (np.diff(x_m, append=2 * beyond_m) > self.settings.max_gap_m).argmax(axis=-1)
+        ends_m = np.stack([x_m[..., 0], np.take_along_axis(x_m, last[..., None], axis=-1)[..., 0]], axis=-1)
+        marked = self.members.any(axis=-1, keepdims=True)
+        flat_m = np.where(marked, ends_m, 1.0).reshape(len(self.lanes), -1)
+        on_road_m = intersect_ground(flat_m, self.lanes, self.view.height_m).x_m
+        return np.where(marked, on_road_m.reshape(ends_m.shape), 0.0)
 
     @cached_property
     def lines_y_m(self) -> np.ndarray:

@@ -62,7 +62,9 @@ class LineEvidence:
     seen : bool
         Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
     reach_m : float
-        Distance of the farthest marking on it.
+        Distance of the farthest marking on it, before a gap that is longer than those between dashes.
+    start_m : float
+        Smallest distance at which a marking was seen on it in this track; large where the bonnet hides the road.
     edge : bool
         Whether it is an edge of the road without paint: a kerb, or where the pavement ends.
     """
@@ -76,6 +78,7 @@ class LineEvidence:
     rows: int | None = None
     profile: MarkingProfile | None = None
     votes: TypeVotes = TypeVotes()
+    start_m: float = 0.0
 
     @property
     def kind(self) -> str | None:
@@ -316,6 +319,13 @@ class Lane(ByValue):
         """The right line."""
         return self.lines[1]
 
+    @property
+    def ends_m(self) -> tuple[float, float]:
+        """Distances of the farthest markings of the left and the right line; an inferred line ends with the other."""
+        farthest_m = max(self.left.reach_m, self.right.reach_m)
+        left_m, right_m = (line.reach_m if line.seen else farthest_m for line in self.lines)
+        return left_m, right_m
+
     @cached_property
     def adjacent(self) -> tuple[Line | None, Line | None]:
         """The far lines of the adjacent lanes to the left and to the right; None for a line that is not seen.
@@ -414,18 +424,25 @@ def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     return row
 
 
-def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> list[np.ndarray]:
-    """Raw pixels (N, 2) of lines of a lane (15,), for each of the `sides`; see `Line.pixels`."""
+def project_lines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> np.ndarray:
+    """Raw pixels (S, N, 2) of parallels to the path of a lane (15,) at arc lengths (N,); NaN outside of the lens.
+
+    Those of the `sides` (S,) +1 and -1 are the left and the right line; 0 is the middle between them.
+    """
     points = np.empty((len(sides), len(along_m), 3))
     points[..., :2] = line_points(model, sides, along_m)
     points[..., 2] = road_height(model, points[..., 0])
     pose = camera.require_pose()
     pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(model[PITCH])))
-    pixels = pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
-    return [_visible_part(line) for line in pixels]
+    return pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
 
 
-def _visible_part(pixels: np.ndarray) -> np.ndarray:
+def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> list[np.ndarray]:
+    """Raw pixels (N, 2) of lines of a lane (15,), for each of the `sides`; see `Line.pixels`."""
+    return [visible_part(line) for line in project_lines(model, sides, camera, along_m)]
+
+
+def visible_part(pixels: np.ndarray) -> np.ndarray:
     """The points (N, 2) of a line, nearest first, while they rise in the image, without NaN at the beginning."""
     pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
     # the border of a lens shows the beginning of a far line above its continuation

@@ -151,12 +151,13 @@ def _observe_line(
         seen = marking_profile(evidence.response, fit.view, fit.lines_y_m[line], stripe_rows, float(SIDES[line[1]]))
     if seen is not None:
         profile, votes = seen, votes.add(seen)
-    support, reach_m = float(fit.marked_rows[line] / rows), float(fit.reach_m[line])
+    support, (start_m, reach_m) = float(fit.marked_rows[line] / rows), fit.extent_m[line].tolist()
+    start_m = min(filter(None, (start_m, previous.start_m)), default=0.0)
     # by weight, because there are edges beside painted lines, too, and between dashes
     weight = fit.weight[line[0]] * members
     edge = bool(weight @ fit.stripes.edge > weight @ ~fit.stripes.edge)
     edge = edge and (seen is None or seen.painted_m < MIN_ROAD_M)
-    return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes)
+    return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes, start_m)
 
 
 def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:

@@ -13,7 +13,7 @@ import json
 import os
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from html import escape
 from importlib.resources import files
 from pathlib import Path
@@ -21,6 +21,8 @@ from urllib.parse import quote
 
 import numpy as np
 
+from lanes.describe import describe_bend, describe_offset
+from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.lane import LOST, TRACKING
 from lanes.files import write_atomically
 
@@ -38,6 +40,13 @@ PAGE_COLUMNS = {
     "confidence": 3,
     "lane_width_m": 2,
 }
+# Classes of the confidence, best first: name, smallest confidence, words. A lost lane is in the last one.
+LEVELS = (
+    ("sure", SURE_CONFIDENCE, f"confidence {SURE_CONFIDENCE:g} or more"),
+    ("likely", LIKELY_CONFIDENCE, f"{LIKELY_CONFIDENCE:g} to {SURE_CONFIDENCE:g}"),
+    ("uncertain", LEAST_CONFIDENCE, f"below {LIKELY_CONFIDENCE:g}"),
+    ("none", 0.0, "no lane"),
+)
 
 
 def write_report(
@@ -47,23 +56,31 @@ def write_report(
     video: str | Path,
     telemetry: Telemetry,
     settings: Mapping[str, str],
+    warnings: Sequence[str] = (),
+    command: str = "",
     max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
 ) -> Path:
     """Write the report of an annotated mp4 video with its telemetry into its folder; returns the `path`.
 
-    `settings` are shown as a table.
+    `settings` are shown as a table, `warnings` at the top. `command` explains the frame at the seconds that follow it.
     """
     video = Path(video)
     embedded = video.stat().st_size <= max_embedded_bytes
     parts = {
         "title": escape(title),
         "summary": escape(_summary(telemetry)),
+        "warnings": "".join(f"<li>{escape(warning)}</li>" for warning in warnings),
         "video_name": escape(video.name),
         "video_link": escape(quote(os.fsencode(video.name))),
         "video_data": base64.b64encode(video.read_bytes()).decode() if embedded else "",
         "settings": "".join(f"<tr><th>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in settings.items()),
     }
-    return fill_page(path, "report", parts, _frames(telemetry))
+    return fill_page(
+        path,
+        "report",
+        parts,
+        _frames(telemetry) | {"command": command, "levels": {name: words for name, _, words in LEVELS}},
+    )
 
 
 def fill_page(path: str | Path, name: str, parts: Mapping[str, str], data: object) -> Path:
@@ -87,6 +104,19 @@ def _asset(name: str) -> str:
 def share_tracked(telemetry: Telemetry) -> float:
     """Share of the frames with state "tracking", 0 to 1."""
     return float(np.mean(telemetry["state"] == TRACKING))
+
+
+def confidence_levels(telemetry: Telemetry) -> np.ndarray:
+    """Name (N,) of the class of `LEVELS` of each frame."""
+    confidence = np.where(telemetry["state"] == LOST, 0.0, telemetry["confidence"])
+    names, least, _ = zip(*LEVELS, strict=True)
+    return np.array(names)[(confidence[:, None] < least).sum(axis=1)]
+
+
+def describe_shares(telemetry: Telemetry) -> str:
+    """How many of the frames have which confidence, as "confidence 0.9 or more in 78%, 0.5 to 0.9 in 9%, ..."."""
+    levels = confidence_levels(telemetry)
+    return ", ".join(f"{words} in {np.mean(levels == name):.0%}" for name, _, words in LEVELS) + " of them"
 
 
 def seconds_lost(telemetry: Telemetry) -> float:
@@ -122,8 +152,8 @@ def _texts(telemetry: Telemetry, name: str) -> np.ndarray:
 def _summary(telemetry: Telemetry) -> str:
     time_s, offset_m, lost_s = telemetry["time_s"], telemetry["offset_m"], seconds_lost(telemetry)
     sentence = (
-        f"{len(time_s)} frames, {time_s[-1] - time_s[0]:.1f} s. Lane tracked in {share_tracked(telemetry):.0%} of the "
-        f"frames, {f'lost for {lost_s:.1f} s in total' if lost_s else 'never lost'}."
+        f"{len(time_s)} frames, {time_s[-1] - time_s[0]:.1f} s; {describe_shares(telemetry)}; "
+        f"{f'lost for {lost_s:.1f} s in total' if lost_s else 'never lost'}."
     )
     if not np.isfinite(offset_m).any():
         return sentence
@@ -136,15 +166,37 @@ def _summary(telemetry: Telemetry) -> str:
 
 
 def _frames(telemetry: Telemetry) -> dict[str, list]:
-    """Data for the script: times since the first frame, texts, `PAGE_COLUMNS`, and where the line types change."""
+    """Data for the script: times since the first frame, texts, `PAGE_COLUMNS`, and where words change."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
     columns = {name: _rounded(telemetry[name], digits) for name, digits in PAGE_COLUMNS.items()}
-    for side in ("left", "right"):
-        types = line_types(telemetry, side)
-        changes = np.flatnonzero(np.append(True, types[1:] != types[:-1]))
-        columns[f"{side}_types"] = [[int(k), str(types[k])] for k in changes]
-    words = {name: _texts(telemetry, name).tolist() for name in ("state", "departure")}
-    return {"time_s": _rounded(time_s, 4), **words, **columns}
+    words = {
+        "left_types": line_types(telemetry, "left"),
+        "right_types": line_types(telemetry, "right"),
+        "bend": _words(describe_bend, telemetry["curvature_per_m"], telemetry["curvature_std_per_m"]),
+        "offset": _words(describe_offset, telemetry["offset_m"], telemetry["offset_std_m"]),
+    }
+    texts = {name: _texts(telemetry, name).tolist() for name in ("state", "departure")}
+    texts["level"] = confidence_levels(telemetry).tolist()
+    changes = {name: _changes(column) for name, column in words.items()}
+    return {
+        "time_s": _rounded(time_s, 4),
+        "first_s": round(float(telemetry["time_s"][0]), 4),
+        **texts,
+        **changes,
+        **columns,
+    }
+
+
+def _changes(words: np.ndarray) -> list[tuple[int, str]]:
+    """The frames at which words (N,) change, and the words from then on."""
+    changes = np.flatnonzero(np.append(True, words[1:] != words[:-1]))
+    return [(int(k), str(words[k])) for k in changes]
+
+
+def _words(describe: Callable[..., str], values: np.ndarray, stds: np.ndarray) -> np.ndarray:
+    """Measurements (N,) with their standard deviations (N,) in the words of the overlay."""
+    pairs = zip(values, stds, strict=True)
+    return np.array([describe(value, std) if np.isfinite(value) else describe(None) for value, std in pairs])
 
 
 def _rounded(values: np.ndarray, digits: int) -> list:

@@ -39,23 +39,16 @@ function clock(time) {
   return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
 }
 
-/** The standard deviation in the words of lanes.describe.describe_std. */
-function offsetWords(offset, std) {
-  if (offset === null) return "unknown";
-  return Math.abs(offset).toFixed(2) + " ± " + Math.max(std, 0.01).toFixed(2) + " m " + (offset > 0 ? "left" : "right");
-}
-
-/** The same words as lanes.describe.describe_bend. */
-function bendWords(curvature) {
-  if (curvature === null) return "unknown";
-  if (Math.abs(curvature) < 1 / 3000) return "straight (R > 3 km)";
-  const radius = 1 / Math.abs(curvature);
-  return (curvature > 0 ? "left" : "right") + ", R " + (radius >= 100 ? Math.round(radius / 10) * 10 : Math.round(radius)) + " m";
-}
-
-/** The type of a line in frame i; `types` has an entry [first frame, words] for each change. */
-function typeAt(types, i) {
-  return types.findLast(([first]) => first <= i)[1];
+/** The words in frame i; `changes` has an entry [first frame, words] for each change. */
+function wordsAt(changes, i) {
+  let low = 0;
+  let high = changes.length - 1;
+  while (low < high) {
+    const middle = (low + high + 1) >> 1;
+    if (changes[middle][0] <= i) low = middle;
+    else high = middle - 1;
+  }
+  return changes[low][1];
 }
 
 function show() {
@@ -65,13 +58,13 @@ function show() {
   cursor.style.left = (100 * time) / length + "%";
   write("time", clock(time) + ", frame " + frames.frame[i]);
   write("state", frames.state[i]);
-  write("offset", offsetWords(frames.offset_m[i], frames.offset_std_m[i]));
-  write("bend", bendWords(frames.curvature_per_m[i]));
+  write("offset", wordsAt(frames.offset, i));
+  write("bend", wordsAt(frames.bend, i));
   write("confidence", frames.confidence[i].toFixed(2));
   write("width", frames.lane_width_m[i] === null ? "unknown" : frames.lane_width_m[i].toFixed(2) + " m");
-  write("lines", typeAt(frames.left_types, i) + " | " + typeAt(frames.right_types, i));
+  write("lines", wordsAt(frames.left_types, i) + " | " + wordsAt(frames.right_types, i));
   track.setAttribute("aria-valuenow", time.toFixed(2));
-  track.setAttribute("aria-valuetext", clock(time) + ", " + frames.state[i] + ", " + offsetWords(frames.offset_m[i], frames.offset_std_m[i]));
+  track.setAttribute("aria-valuetext", clock(time) + ", " + frames.state[i] + ", " + wordsAt(frames.offset, i));
 }
 
 function seek(time) {
@@ -151,6 +144,17 @@ function add(parent, name, ...content) {
   return child;
 }
 
+/** Show the command that explains the frame at a time, and copy it where the browser allows that. */
+function copyCommand(time) {
+  const box = document.getElementById("command");
+  const text = frames.command + (frames.first_s + time).toFixed(3);
+  const say = (words) => { box.querySelector("span").textContent = words; };
+  box.querySelector("code").textContent = text;
+  box.hidden = false;
+  say("Copy and run:");
+  navigator.clipboard?.writeText(text).then(() => say("Copied:"), () => {});
+}
+
 function listMoments() {
   const nav = document.querySelector(".moments");
   for (const [kind, moments] of Object.entries(worstMoments())) {
@@ -158,10 +162,15 @@ function listMoments() {
     add(nav, "h3", kind);
     const list = add(nav, "ul");
     for (const [i, text] of moments) {
-      const button = add(add(list, "li"), "button");
+      const item = add(list, "li");
+      const button = add(item, "button");
       add(button, "b", clock(times[i]));
       button.append(" " + text);
       button.addEventListener("click", () => seek(times[i]));
+      if (!frames.command) continue;
+      const explain = add(item, "button", "explain");
+      explain.className = "explain";
+      explain.addEventListener("click", () => copyCommand(times[i]));
     }
   }
 }
@@ -177,17 +186,17 @@ function toX(time) {
   return ((1000 * time) / length).toFixed(2);
 }
 
-function drawStates() {
+function drawLevels() {
   const svg = document.querySelector(".states svg");
   const counts = {};
-  for (const [state, first, end] of runsOf(frames.state)) {
-    addPath(svg, state, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
-    counts[state] = (counts[state] ?? 0) + end - first;
+  for (const [level, first, end] of runsOf(frames.level)) {
+    addPath(svg, level, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
+    counts[level] = (counts[level] ?? 0) + end - first;
   }
-  for (const [state, count] of Object.entries(counts).sort((a, b) => b[1] - a[1])) {
+  for (const [level, words] of Object.entries(frames.levels)) {
     const item = add(document.querySelector(".legend"), "li");
-    add(item, "i").className = state;
-    item.append(`${state} ${Math.round((100 * count) / times.length)}%`);
+    add(item, "i").className = level;
+    item.append(`${words} ${Math.round((100 * (counts[level] ?? 0)) / times.length)}%`);
   }
 }
 
@@ -265,7 +274,7 @@ video.addEventListener("loadedmetadata", () => {
   video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
 });
 listMoments();
-drawStates();
+drawLevels();
 drawCurve("offset", frames.offset_m, frames.offset_std_m, [-0.5, 0.5]);
 drawCurve("curvature", scaled(frames.curvature_per_m, 1000), scaled(frames.curvature_std_per_m, 1000), [-1, 1]);
 drawCurve("confidence", frames.confidence, null, [0, 1]);

@@ -7,17 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.detect.road import CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, line_coefficients
+from lanes.camera import CAR_WIDTH_M, Camera
+from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.road import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, WIDTH, line_coefficients
 from lanes.track.filter import CarMotion
 
-# Half of the track of a passenger car: from its centre to the outside of its tyres.
-HALF_TRACK_M = 0.9
 # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
 # are perceived as false.
 WARN_S = 1.0
-# Warnings in more than this share of the tracked frames are due to the place of the camera: on motorways cars leave
-# their lane every few minutes, for seconds.
-MANY_WARNINGS = 0.2
+# Lateral speed from which on a car leaves its lane, the least one of ISO 17361. A slower one is lane keeping, also with
+# the tyres on a line.
+LEAST_DRIFT_MPS = 0.1
+# Time constant over which the lateral motion is seen; a warning needs a motion of at least half of the estimated speed.
+SEEN_S, SEEN_FACTOR = 0.5, 2.0
+# If the tyres of a car would be on a line in more than this share of the frames, its camera or width is another one: on
+# motorways cars leave their lane every few minutes, for seconds.
+MANY_CROSSINGS = 0.2
 
 
 @dataclass(frozen=True)
@@ -31,8 +36,8 @@ class Departure:
     drift_mps: float
     # The line that the car approaches: "left", "right" or None.
     side: str | None
-    # Time until the tyres are on that line if car and road continue as now; 0 on the line, infinite in lane keeping or
-    # when it is more than 20 s away.
+    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it, infinite in lane
+    # keeping or when it is more than 20 s away.
     time_to_crossing_s: float
     # Whether to warn: a crossing is less than a second away with certainty, or happening; never for an uncertain lane.
     due: bool
@@ -45,31 +50,59 @@ class Departure:
         return f"lane departure: {crossing} the {self.side} line"
 
 
-def describe_many_warnings(rows: Mapping[str, np.ndarray]) -> str | None:
-    """Words about a drive whose telemetry, columns (N,), has warnings most of the time; None if it has few."""
-    tracked, warned = np.isfinite(rows["offset_m"]).sum(), np.isin(rows["departure"], ("left", "right")).sum()
-    if warned <= MANY_WARNINGS * tracked:
+def describe_crossings(rows: Mapping[str, np.ndarray], car_width_m: float) -> str | None:
+    """Words about a drive whose telemetry, columns (N,), has tyres on a line too often to be true; else None."""
+    likely = rows["confidence"] >= LIKELY_CONFIDENCE
+    beyond = likely & (2 * np.abs(rows["offset_m"]) + car_width_m > rows["lane_width_m"])
+    if beyond.sum() <= MANY_CROSSINGS * likely.sum():
         return None
     return (
-        f"lane departure warnings in {warned} of {tracked} frames; they are those of a car {2 * HALF_TRACK_M:g} m wide "
-        "with the camera in the middle: if it is elsewhere, give --camera-offset."
+        f"the tyres would be on a line in {beyond.sum()} of {likely.sum()} frames if the car is {car_width_m:g} m wide "
+        "and the camera in its middle; otherwise give --camera-offset or --car-width."
     )
 
 
-def watch_departure(lane: np.ndarray, motion: CarMotion, camera_offset_m: float = 0.0) -> Departure:
+class DepartureWatch:
+    """Departure of the car from its lane over time."""
+
+    def __init__(self) -> None:
+        self._centre_m: float | None = None  # of the lane, averaged over `SEEN_S`
+
+    def update(self, lane: np.ndarray, motion: CarMotion, camera: Camera, elapsed_s: float) -> Departure:
+        """The departure in the next frame, from the lane (15,) and the motion of the car."""
+        centre_m, width_m = lane[[CENTRE, WIDTH]].tolist()
+        before_m = centre_m if self._centre_m is None else self._centre_m
+        # of the lane that the car is in now
+        before_m += width_m * round((centre_m - before_m) / width_m)
+        self._centre_m = centre_m + (before_m - centre_m) * float(np.exp(-elapsed_s / SEEN_S))
+        seen_mps = (self._centre_m - centre_m) / SEEN_S
+        return watch_departure(lane, motion, camera.offset_m, car_width_m=camera.car_width_m, seen_drift_mps=seen_mps)
+
+
+def watch_departure(
+    lane: np.ndarray,
+    motion: CarMotion,
+    camera_offset_m: float = 0.0,
+    *,
+    car_width_m: float = CAR_WIDTH_M,
+    seen_drift_mps: float | None = None,
+) -> Departure:
     """Time to line crossing of a car in a lane (15,), which is relative to its camera (`Camera.offset_m`).
 
     A warning is due only if the car would also cross the line with its course and its turning one standard deviation
-    nearer to those of the lane. The lines move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the
-    first positive root.
+    nearer to those of the lane, and with a drift of no more than `SEEN_FACTOR` times the one that was seen. The lines
+    move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the first positive root.
     """
     left_m, right_m = (line_coefficients(lane, side)[0] + camera_offset_m for side in (LEFT_SIDE, RIGHT_SIDE))
-    left, right = left_m - HALF_TRACK_M, -right_m - HALF_TRACK_M
+    left, right = left_m - car_width_m / 2, -right_m - car_width_m / 2
     speed, heading = motion.speed_mps, float(lane[HEADING]) - motion.course_rad
     turning = float(lane[CURVATURE]) - motion.path_per_m
     drift = -speed * float(np.sin(heading))
     side, time_s = _crossing(left, right, drift, -turning * speed**2)
     least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))
+    if seen_drift_mps is not None:
+        seen = SEEN_FACTOR * seen_drift_mps
+        least_drift = min(max(least_drift, min(seen, 0.0)), max(seen, 0.0))
     least_turning = _towards_zero(turning, motion.turning_std_per_m)
     _, latest_s = _crossing(left, right, least_drift, -least_turning * speed**2)
     return Departure(left, right, drift, side, time_s, max(time_s, latest_s) < WARN_S)
@@ -92,10 +125,10 @@ def _time_to(distance_m: float, speed: float, acceleration: float) -> float:
 
     Infinite if it takes more than 20 s, or if the lateral motion is so slow that the car keeps its lane.
     """
+    root = speed**2 + 2 * acceleration * max(distance_m, 0.0)
+    if speed < LEAST_DRIFT_MPS or root < 0:
+        return float("inf")
     if distance_m <= 0:
         return 0.0
-    root = speed**2 + 2 * acceleration * distance_m
-    if speed < 0.05 or root < 0:
-        return float("inf")
     time_s = 2 * distance_m / (speed + np.sqrt(root))
     return float(time_s) if time_s < 20.0 else float("inf")

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lanes.detect.confidence import USUAL_WIDTH_M
 from lanes.detect.lane import TRACKING
 
 # Frames are averaged by the second. Both parts must last at least this long, because bumps and bends pass sooner.
@@ -93,10 +94,10 @@ def _values_per_second(rows: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.n
     second = np.floor(np.asarray(rows["time_s"], float)).astype(int)
     seconds = np.unique(second[tracked])
     frames = [np.flatnonzero(tracked & (second == s)) for s in seconds]
-    pitch, heading, offset = (
-        np.array([np.median(np.asarray(rows[name])[f]) for f in frames])
-        for name in ("pitch_rad", "heading_rad", "offset_m")
-    )
+    columns = {name: np.asarray(rows[name], float).copy() for name in ("pitch_rad", "heading_rad", "offset_m")}
+    # the offset of a car that changes lanes jumps to the other side: the lateral speed is that across all lanes
+    columns["offset_m"][tracked] = np.unwrap(columns["offset_m"][tracked], period=USUAL_WIDTH_M)
+    pitch, heading, offset = (np.array([np.median(column[f]) for f in frames]) for column in columns.values())
     if len(seconds) >= 3:
         # weaving is proportional to the lateral speed; the factor (1 / speed) is fitted to differences between seconds,
         # so that a step of the heading has little influence

@@ -35,7 +35,7 @@ from lanes.detect.search import (
     search_lane,
 )
 from lanes.errors import LaneError, require_number, require_type
-from lanes.track.departure import watch_departure
+from lanes.track.departure import DepartureWatch
 from lanes.track.filter import (
     CAMERA_YAW,
     SPEED,
@@ -201,6 +201,7 @@ class LaneTracker:
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
         self._unseen_s, self._since_full_s = 0.0, self.settings.search_period_s
+        self._departure = DepartureWatch()
 
     def __repr__(self) -> str:
         camera = self.view.camera
@@ -314,7 +315,7 @@ class LaneTracker:
             self._state, self._regained = COASTING, 0
         self._estimate = estimate
         shares = float(fit.inlier_share[0]), clear_share(fit)
-        self._lane = self._describe(estimate, lines, far, shares)
+        self._lane = self._describe(estimate, lines, far, shares, elapsed_s)
 
     def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
         """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
@@ -367,18 +368,22 @@ class LaneTracker:
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, 1
         shares = found.inlier_share, found.clear_share
-        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, shares)
+        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, shares, 0.0)
 
     def _describe(
-        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence, shares: tuple[float, float]
+        self,
+        estimate: State,
+        lines: Sequence[LineEvidence],
+        far: FarEvidence,
+        shares: tuple[float, float],
+        elapsed_s: float,
     ) -> Lane:
         """The estimate as a lane: double lines are bounded by their inner stripes; its inlier and clear `shares`."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
         motion = car_motion(estimate, self.settings.filter)
-        camera_offset_m = self.view.camera.offset_m
-        departure = watch_departure(model, motion, camera_offset_m)
+        departure = self._departure.update(model, motion, self.view.camera, elapsed_s)
         lane = Lane(
             state=self._state,
             model=model,
@@ -393,7 +398,7 @@ class LaneTracker:
             departure=departure,
             far_evidence=far,
             confidence_shift=self.evidence.confidence_shift if self.evidence else 0.0,
-            camera_offset_m=camera_offset_m,
+            camera_offset_m=self.view.camera.offset_m,
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
             return replace(lane, departure=replace(departure, due=False))

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from selenium.webdriver import Keys
 
+from lanes.describe import describe_bend
 from lanes.report.page import write_report
 from lanes.video.writer import VideoWriter
 from tests.report.test_page import story
@@ -94,16 +95,17 @@ def test_a_click_on_the_curves_seeks(page, across):
 def test_the_measures_next_to_the_video(page):
     page.execute_script("seek(5.0)")
     page.wait("!video.seeking")
-    assert (text_of(page, "offset"), text_of(page, "bend"), text_of(page, "width")) == ("unknown",) * 3
+    assert [text_of(page, name) for name in ("offset", "bend", "width")] == [
+        "offset unknown",
+        "bend unknown",
+        "unknown",
+    ]
     assert text_of(page, "lines") == "unknown | dashed"
     page.execute_script("seek(2.0)")
     page.wait("!video.seeking")
-    assert text_of(page, "offset") == "0.27 ± 0.02 m left"
+    assert text_of(page, "offset") == "0.27 ± 0.02 m left of centre"
     assert text_of(page, "lines") == "yellow double solid | dashed"
-    assert page.execute_script("return offsetWords(-0.0123, 0.001)") == "0.01 ± 0.01 m right"
-    assert text_of(page, "bend") == "left, R 1000 m"
-    bends = page.execute_script("return [0.002, -0.01, -0.0001, 0.1].map(bendWords)")
-    assert bends == ["left, R 500 m", "right, R 100 m", "straight (R > 3 km)", "left, R 10 m"]
+    assert text_of(page, "bend") == describe_bend(1e-3, 1e-4) == "bends left, R 1000 m"
 
 
 def curve(page, name: str, kind: str) -> list[np.ndarray]:
@@ -144,13 +146,13 @@ def test_axes_contain_the_values_and_have_round_ticks(page):
     assert max(page.execute_script(ticks_of, waves.tolist(), [0, 1])) < 5
 
 
-def test_states_fill_the_strip(page):
+def test_levels_of_the_confidence_fill_the_strip(page):
     bars = "return [...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
-    edges = {"searching": (0, 15), "coasting": (400, 450), "lost": (450, 600)}
-    found = {name: path for name, path in page.execute_script(bars) if name != "tracking"}
-    assert found == {name: f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z" for name, (a, b) in edges.items()}
+    found = [(name, path) for name, path in page.execute_script(bars) if name != "sure"]
+    edges = [("likely", 250, 255), ("likely", 275, 280), ("none", 450, 600), ("likely", 750, 755)]
+    assert found == [(name, f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z") for name, a, b in edges]
     legend = page.execute_script("return document.querySelector('.legend').innerText").split("\n")
-    assert legend == ["tracking 79%", "lost 15%", "coasting 5%", "searching 2%"]
+    assert legend == ["confidence 0.9 or more 84%", "0.5 to 0.9 2%", "below 0.5 0%", "no lane 15%"]
 
 
 def test_a_long_curve_keeps_its_peaks(browser, folder):
@@ -199,13 +201,39 @@ def show(browser, folder, telemetry) -> None:
 
 
 def test_buttons_seek_to_moments(page):
-    labels = page.execute_script("return [...document.querySelectorAll('button')].map(b => b.textContent)")
+    labels = page.execute_script("return [...document.querySelectorAll('nav button')].map(b => b.textContent)")
     assert labels[0] == "0:04.5 lost for 1.5 s"
     page.click("nav button")
     page.wait("!video.seeking && video.currentTime > 0")
     assert page.execute_script("return video.currentTime") == pytest.approx(4.5, abs=0.01)
     assert text_of(page, "state") == "lost"
     wait_for_frame(page, 90)
+
+
+def test_each_moment_has_a_command_to_copy(browser, folder):
+    """The drive begins at 100 s of the video."""
+    command = "python -m lanes explain --hfov 60 'my <drive>.mp4' --at "
+    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0, "command": command}
+    browser.open(write_report(folder / "copied.html", video=folder / HOSTILE, telemetry=story(), **options))
+    assert browser.execute_script("return document.getElementById('command').hidden")
+    browser.click("nav li:first-child .explain")
+    shown = browser.execute_script("return document.querySelector('#command code').textContent")
+    assert shown == command + "104.500"
+    browser.wait("document.querySelector('#command span').textContent.endsWith(':')")
+    count = "return document.querySelectorAll(arguments[0]).length"
+    assert browser.execute_script(count, "nav .explain") == browser.execute_script(count, "nav li") > 5
+
+
+def test_warnings_are_at_the_top(browser, folder):
+    words = ["the camera seems to have moved after 9 s", "<b>3 of 24</b> pictures"]
+    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0, "warnings": words}
+    browser.open(write_report(folder / "warned.html", video=folder / HOSTILE, telemetry=story(), **options))
+    script = "return [...document.querySelectorAll('header .warnings li')].map(li => li.textContent)"
+    assert browser.execute_script(script) == words
+    above = (
+        "return document.querySelector('.warnings').getBoundingClientRect().bottom <= video.getBoundingClientRect().top"
+    )
+    assert browser.execute_script(above)
 
 
 def test_keys_seek(page):

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.report.page import line_types, seconds_lost, share_tracked, write_report
+from lanes.report.page import describe_shares, line_types, seconds_lost, share_tracked, write_report
 
 
 def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
@@ -51,6 +51,15 @@ def test_shares_count_time_not_frames():
     # Frames dropped while lost: the gap counts.
     kept = np.r_[0:95, 118:200]
     assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
+
+
+def test_shares_of_the_confidence_add_up():
+    """A confidence of less than 0.15 is no lane, as in the overlay."""
+    telemetry = story()
+    telemetry["confidence"][:40] = np.repeat([0.3, 0.1], 20)
+    assert describe_shares(telemetry) == (
+        "confidence 0.9 or more in 64%, 0.5 to 0.9 in 2%, below 0.5 in 10%, no lane in 25% of them"
+    )
 
 
 def test_types_of_the_lines():

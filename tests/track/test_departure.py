@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lanes.camera import Camera
 from lanes.detect.road import CENTRE
-from lanes.track.departure import watch_departure
+from lanes.track.departure import Departure, DepartureWatch, describe_crossings, watch_departure
 from lanes.track.filter import CarMotion
 from lanes.track.tracker import LaneTracker
 from simulator.rendering.drive import Motion
@@ -32,7 +35,10 @@ CROSSINGS = {
     "drifting right": (lane_at(0.0, 0.03), car(20.0), "right", 1.5, None),
     "nearer": (lane_at(-0.5, -0.03), car(20.0), "left", 0.667, "lane departure: 0.7 s to the left line"),
     "nearer on the right": (lane_at(0.5, 0.03), car(20.0), "right", 0.667, "lane departure: 0.7 s to the right line"),
-    "on the line": (lane_at(-1.0), car(20.0), "left", 0.0, "lane departure: crossing the left line"),
+    "across the line": (lane_at(-1.0, -0.01), car(20.0), "left", 0.0, "lane departure: crossing the left line"),
+    # a steady offset, also that of a camera beside the middle of the car
+    "on the line": (lane_at(-1.0), car(20.0), None, np.inf, None),
+    "back from the line": (lane_at(-1.0, 0.01), car(20.0), "right", 9.5, None),
     "by its course": (lane_at(0.0, 0.02), car(20.0, course_rad=0.02), None, np.inf, None),
     "standing": (lane_at(0.0, 0.03), car(0.0), None, np.inf, None),
     # R 400 m leads out on the right at v^2 / R = 1 m/s^2: 0.2 t + t^2 / 2 = 0.9
@@ -60,8 +66,8 @@ def test_no_warning_without_a_crossing():
 
 def test_a_car_that_turns_like_its_road_drifts_at_a_constant_rate():
     """The lane centre, 0.6 m inside, is an arc of R 19.4 m. The car follows the arc of R 20 m through itself."""
-    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), car(10.0, path_per_m=-1 / 20, course_rad=0.008))
-    assert warning.time_to_crossing_s == pytest.approx(warning.left_m / 0.08, rel=0.01)
+    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), car(10.0, path_per_m=-1 / 20, course_rad=0.012))
+    assert warning.time_to_crossing_s == pytest.approx(warning.left_m / 0.12, rel=0.01)
 
 
 def test_uncertainty_suppresses_the_warning():
@@ -71,6 +77,52 @@ def test_uncertainty_suppresses_the_warning():
     assert not unsure.due and unsure.time_to_crossing_s == watch_departure(lane, car(20.0)).time_to_crossing_s
     bend = lane_at(0.0, 0.01, 1 / 80)
     assert watch_departure(bend, car(15.0)).due and not watch_departure(bend, car(15.0, turning_std_per_m=0.01)).due
+
+
+def watched(lanes: list[np.ndarray], motion: CarMotion, camera: Camera = SMALL) -> list[Departure]:
+    """The departures in frames of 0.04 s."""
+    watch = DepartureWatch()
+    return [watch.update(lane, motion, camera, 0.04 if n else 0.0) for n, lane in enumerate(lanes)]
+
+
+def test_a_motion_that_is_not_seen_is_no_departure():
+    """With a wrong yaw the heading says 0.6 m/s towards the line, but the car stays where it is."""
+    heading = -0.03
+    still = watched([lane_at(-0.6, heading)] * 50, car(20.0))
+    assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
+    moving = watched([lane_at(-0.2 - 0.024 * n, heading) for n in range(50)], car(20.0))
+    first = [departure.due for departure in moving].index(True)
+    # 1 s before the tyres are on the line, 0.7 m away
+    assert 0.0 < moving[first].left_m < 0.6 and moving[first].side == "left"
+
+
+def test_after_a_lane_change_the_motion_is_still_seen():
+    """The car drifts on to the left into the adjacent lane, whose left line it approaches."""
+    centres = np.arange(-0.5, -5.2, -0.03)
+    lanes = [lane_at(centre + 3.6 * (centre < -1.9), -0.0375) for centre in centres]
+    departures = watched(lanes, car(20.0))
+    before, after = departures[40], departures[-1]
+    assert before.due and before.side == "left"
+    assert after.due and after.side == "left" and after.time_to_crossing_s < 1.0
+    middle = departures[int(np.abs(centres + 3.6).argmin())]
+    assert not middle.due
+
+
+def test_the_width_of_the_car_counts():
+    narrow, wide = (replace(SMALL, car_width_m=width_m) for width_m in (1.2, 2.5))
+    lanes = [lane_at(0.2 - 0.02 * n, -0.025) for n in range(25)]
+    small, large = (watched(lanes, car(20.0), camera)[-1] for camera in (narrow, wide))
+    assert small.left_m - large.left_m == pytest.approx(0.65) and large.due and not small.due
+
+
+def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
+    rows = {"offset_m": np.full(100, 0.7), "lane_width_m": np.full(100, 3.0), "confidence": np.full(100, 0.9)}
+    assert describe_crossings(rows, 1.8).startswith(
+        "the tyres would be on a line in 100 of 100 frames if the car is 1.8 m"
+    )
+    assert "--camera-offset or --car-width" in describe_crossings(rows, 1.8)
+    assert describe_crossings(rows, 1.5) is None
+    assert describe_crossings({**rows, "confidence": np.full(100, 0.3)}, 1.8) is None
 
 
 def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
@@ -83,10 +135,10 @@ def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
         drift_mps=0.9,
         drift_s=(0.0, 3.0),
     )
-    tracker = LaneTracker(SMALL, fps=25)
+    tracker, watch = LaneTracker(SMALL, fps=25), DepartureWatch()
     lanes = [tracker.update(drive.frame(number / 25)) for number in range(20)]
     for lane in filter(None, lanes):
-        raw = watch_departure(lane.model, lane.motion)
+        raw = watch.update(lane.model, lane.motion, SMALL, 0.04)
         sure = lane.state == "tracking" and lane.confidence >= 0.5
         assert lane.departure.due == (raw.due and sure)
     assert lanes[-1].departure.due and lanes[-1].departure.side == "left"

@@ -103,6 +103,16 @@ def test_temporary_and_small_changes_are_not_detected(pitch_deg):
     assert find_pose_change(made(pitch_deg)) is None
 
 
+@pytest.mark.parametrize("until_s", [60, 50, 45])
+def test_a_lane_change_is_no_moved_camera(until_s):
+    """The car takes 12 s to the next lane, and the drive may end meanwhile: the offset jumps by the width of a lane."""
+    share = np.clip((TIMES_S - 38) / 12, 0, 1)
+    across_m = 3.5 * share**2 * (3 - 2 * share)
+    heading_deg = np.degrees(-np.gradient(across_m, TIMES_S) / 15.0)
+    rows = made(np.zeros(len(TIMES_S)), heading_deg) | {"offset_m": across_m - 3.5 * np.round(across_m / 3.5)}
+    assert find_pose_change({name: column[until_s > TIMES_S] for name, column in rows.items()}) is None
+
+
 def test_time_and_size_of_a_late_small_change():
     change = find_pose_change(made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0)))
     assert change.time_s == pytest.approx(50, abs=1)
