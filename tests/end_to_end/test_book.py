@@ -18,7 +18,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 import lanes
-from tests.support.browser import CHROMIUM, DRIVER, open_browser
+from tests.support.browser import needs_browser, open_browser
 from tests.support.project import ROOT
 
 SITE = ROOT / "book" / "_build" / "html"
@@ -30,9 +30,6 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not PACKAGES.exists(), reason="needs the packages of the book, which make test installs"),
 ]
-needs_browser = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
-)
 
 
 class Page(HTMLParser):
