@@ -528,11 +528,12 @@ def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_p
 # Options.
 
 
-def test_label_takes_the_topic(tmp_path, run, monkeypatch):
-    """The stills of a log of two cameras are those of the topic."""
-    front = [(s, logs.make_image(BENDS.frame(t), s, ".png")) for s, t in zip(STAMPS, TIMES_S, strict=True)]
-    dark = [(s, logs.make_image(np.zeros((360, 640, 3), np.uint8), s, ".png")) for s in STAMPS]
-    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": front, "/rear": dark})
+def test_label_takes_the_topic_and_a_part(tmp_path, run, monkeypatch):
+    """The stills of a log of two cameras are those of the topic, between --start and --end."""
+    shades = [np.full((360, 640, 3), 40 * number, np.uint8) for number in range(6)]
+    front = [(s, logs.make_image(image, s, ".png")) for s, image in zip(STAMPS, shades, strict=True)]
+    white = [(s, logs.make_image(np.full((360, 640, 3), 250, np.uint8), s, ".png")) for s in STAMPS]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": front, "/rear": white})
     server = pytest.importorskip("lanes.label.server", reason="tornado is not installed")
 
     async def ended(*_: object) -> None: ...
@@ -540,7 +541,6 @@ def test_label_takes_the_topic(tmp_path, run, monkeypatch):
     monkeypatch.setattr(server, "_serve", ended)
     common = "label", "--hfov", 60, "--no-browser", "--stills", 2, "-o", tmp_path / "labels", path
     assert run(*common)[0] == 2
-    status, out, _ = run(*common, "--topic", "/front")
+    status, out, _ = run(*common, "--topic", "/front", "--start", 0.2, "--end", 0.4)
     assert status == 0 and "0 of 2 stills" in out
-    stills = sorted((tmp_path / "labels").glob("*.png"))
-    assert len(stills) == 2 and all(read_image(still).mean() > 50 for still in stills)
+    assert [read_image(still).mean() for still in sorted((tmp_path / "labels").glob("*.png"))] == [80, 120]
