@@ -485,14 +485,6 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name)
     assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.32)] == [5, 6, 7]
 
 
-@pytest.mark.parametrize("stamp", [0, 1234567890_000_000_000])
-def test_constant_stamps_give_way_to_the_times_of_the_recording(tmp_path, stamp):
-    recorded = logs.stamps_at(np.arange(30) / 30)
-    path = write_stamped(tmp_path / "drive.mcap", [stamp] * 30, recorded)
-    assert inspect_video(path).fps == pytest.approx(30, abs=0.01)
-    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(30) / 30, abs=1e-6)
-
-
 @pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, 3600.0, -5.0])
 def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, run, wrong_s):
     """A stamp of 1970, one of an hour later, and one that is a little too early."""

@@ -31,7 +31,7 @@ MIN_WRONG_YAW_RAD, WRONG_YAW_PERCENTILES = np.radians(1.0), (10, 90)
 class PoseChange:
     """Time and size of a change of the camera pose.
 
-    `time_s` is on the clock of the telemetry, that of the video. The changes of pitch (> 0 looks farther down) and yaw (> 0 looks farther
+    `time_s` is on the clock of the video. The changes of pitch (> 0 looks farther down) and yaw (> 0 looks farther
     left) are 0 where they are not significant.
     """
 
