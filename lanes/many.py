@@ -7,7 +7,6 @@ the drive (input, settings and versions) and the sizes of the outputs. While nei
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import os
@@ -27,7 +26,7 @@ import lanes
 from lanes.annotate import DriveSettings, annotate_drive, output_path, versions
 from lanes.camera import camera_to_dict
 from lanes.errors import VideoError
-from lanes.files import read_text, remove_partial, require_file, write_atomically, write_telemetry
+from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
 from lanes.video.robot_log import file_of_log
@@ -158,11 +157,7 @@ def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:
 @cache
 def all_versions() -> dict[str, str]:
     """Versions of Python and of the packages that the results depend on, and a digest of the code of `lanes`."""
-    digest = hashlib.sha256()
-    root = Path(lanes.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return {**versions(), "lanes": digest.hexdigest()[:12]}
+    return {**versions(), "lanes": hash_sources(Path(lanes.__file__).parent)}
 
 
 def read_finished(job: DriveJob) -> FinishedDrive | None:
