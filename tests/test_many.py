@@ -32,6 +32,7 @@ from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import annotate_many
 from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
+from tests.support.avi_file import encode_chunks, write_avi
 from tests.support.clips import write_clip, write_drive
 from tests.support.command_line import main, popen, process, start
 from tests.support.onnx_file import threshold, write_model
@@ -174,16 +175,19 @@ def test_failed_drives_do_not_stop_the_others(drives, tmp_path, in_this_process,
 
 
 def test_a_bug_is_reported_and_the_worst_drive_is_first_in_the_table(drives, tmp_path, in_this_process, monkeypatch):
-    grey = write_clip(tmp_path / "a grey=road.mp4", [np.full((432, 768, 3), 128, np.uint8)] * 5)
-    videos = [*videos_in(drives)[:2], grey]
+    """The grey roads have no lane; two frames of the first are missing, and the second is longer."""
+    image = np.full((432, 768, 3), 128, np.uint8)
+    chunks, _ = encode_chunks(dict.fromkeys((0, 1, 4, 5, 6), image), "mjpeg", "yuvj420p")
+    grey = write_avi(tmp_path / "a grey=road.avi", [chunks.get(n, b"") for n in range(7)], "MJPG", (768, 432))
+    videos = [*videos_in(drives)[:2], grey, write_clip(tmp_path / "long.mp4", [image] * 9)]
     monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v != videos[1] else 1 / 0)
     _, failures = annotate_many(videos, settings_for(tmp_path / "out"))
     assert [str(error) for error in failures] == [f"{videos[1]}: ZeroDivisionError: division by zero"]
-    failed, worst, best = summary(tmp_path / "out")
-    assert (failed["drive"], worst["drive"], best["drive"]) == ("drive1", "a grey=road", "drive0")
+    failed, longest, worst, best = summary(tmp_path / "out")
+    assert [row["drive"] for row in (failed, longest, worst, best)] == ["drive1", "long", "a grey=road", "drive0"]
     assert worst["source"] == str(grey)
     measures = ("tracked_share", "lost_s", "frames", "missing", "length_s")
-    assert [float(worst[name]) for name in measures] == pytest.approx([0, 0.2, 5, 0, 0.2])
+    assert [float(worst[name]) for name in measures] == pytest.approx([0, 0.28, 5, 2, 0.28])
     assert [float(best[name]) for name in measures] == pytest.approx([0.9, 0, FRAMES, 0, FRAMES / 25], abs=0.11)
 
 
@@ -228,6 +232,14 @@ def test_a_changed_drive_is_annotated_again(finished_drive, in_this_process):
         {"camera": None, "field": FieldOfView(60.0, "as given")},
     ):
         assert annotated_again(folder, **settings) and not annotated_again(folder, **settings), settings
+
+
+def test_a_drive_that_a_dead_worker_has_finished_is_not_annotated_again(finished_drive, monkeypatch):
+    video, settings = finished_drive / "drive.mp4", settings_for(finished_drive / "out")
+    job = many.DriveJob(video, settings, many.fingerprint(video, settings))
+    finished = many.run_job(job)
+    monkeypatch.setattr(many, "annotate_drive", lambda *_: pytest.fail("annotated again"))
+    assert many.run_job(job) == finished
 
 
 def test_invalid_manifests_count_as_none(finished_drive, in_this_process):

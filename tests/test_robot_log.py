@@ -13,9 +13,11 @@ import pytest
 
 from lanes.annotate import DriveSettings, annotate_drive
 from lanes.camera import save_camera
+from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.errors import LaneError, VideoError
 from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry
+from lanes.lane_messages import INFERRED_ALPHA
 from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
 from tests.support.clips import FPS, write_clip
@@ -132,6 +134,24 @@ def test_the_lines_of_the_messages_are_those_of_the_table_and_of_the_road(annota
             assert points[-1, 0] >= 12 and (np.diff(points[:, 0]) > 0).all()
             assert points[0, 1] == pytest.approx(line.c0_m, abs=0.1)
     assert table["state"][-1] == "tracking"
+
+
+def test_the_markers_show_what_is_not_seen_and_what_is_unlikely(tmp_path, images):
+    """The last frames are black; with the second pose the camera would look four degrees farther down."""
+    path = logs.write_log(tmp_path / "drive.mcap", [*images[:8], *[np.zeros_like(images[0])] * 3], TIMES_S[:11])
+    shown = set()
+    for turn_deg in (0, 4):
+        pose = replace(SMALL.pose, pitch_rad=SMALL.pose.pitch_rad + np.radians(turn_deg))
+        table = annotate_drive(path, settings_for(tmp_path / "out", camera=SMALL.with_pose(pose))).telemetry
+        for row, (_, message) in enumerate(read_back(tmp_path / "out" / "drive.lane.mcap")["/lane/lines"]):
+            likely, seen = table["confidence"][row] >= 0.5, table["state"][row] != "coasting"
+            for marker in message.markers[:2]:
+                if marker.action == marker.ADD:
+                    colour = [marker.color.r, marker.color.g, marker.color.b]
+                    assert colour == pytest.approx(np.divide(LANE_COLOUR if likely else UNLIKELY_COLOUR, 255))
+                    assert seen or marker.color.a == pytest.approx(INFERRED_ALPHA)
+                    shown.add((bool(likely), bool(seen)))
+    assert {likely for likely, _ in shown} == {seen for _, seen in shown} == {True, False}
 
 
 def test_the_frame_of_the_messages_is_at_the_middle_of_the_car(tmp_path, images):
