@@ -218,11 +218,11 @@ class TestLateralErrors:
     def test_median_and_95th_percentile_are_those_of_both_lines(self):
         scores = [
             score_picture(road_lines(1.8, -1.8), road_lines(1.8 + e, -1.8 - e), CAMERA.size, CAMERA)
-            for e in (0.0, 0.1, 0.3)
+            for e in np.linspace(0, 0.38, 20)
         ]
         row = summarize(scores, DISTANCES)
-        assert row["15 m"] == pytest.approx(0.1, abs=0.01) and row["15 m, 95 %"] == pytest.approx(0.3, abs=0.01)
-        assert row["stills"] == 3
+        assert row["15 m"] == pytest.approx(0.19, abs=0.01) and row["15 m, 95 %"] == pytest.approx(0.361, abs=0.01)
+        assert row["stills"] == 20
 
 
 def test_summary_is_over_lines_and_over_pictures():
