@@ -37,7 +37,7 @@ export JUPYTER_PLATFORM_DIRS := 1
 help:
 	@echo "make run       execute project.ipynb, regenerate output_images/ and the annotated video"
 	@echo "make book      course, guides and API reference as a web site: book/_build/html/index.html"
-	@echo "make check     lint, types, import contracts and the quick unit tests (under a minute)"
+	@echo "make check     lint, types, import contracts, the quick unit tests (under a minute), and sizes"
 	@echo "make test      lint, types, import contracts, all tests, the book, and project.ipynb executed again and compared"
 	@echo "make fuzz      the tests with random examples: ten times as many, and other ones in each run"
 	@echo "make coverage  lines that no test runs"
@@ -79,10 +79,13 @@ lint: $(INSTALLED)
 check: lint
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
+	@echo "== Sizes and their budgets (pyproject.toml)"
+	@$(ENV)/python -m tools.budgets
 
 test: lint $(OPTIONAL) $(BOOK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
-	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile
+	@began=$$(date +%s) && env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile \
+		&& $(ENV)/python -m tools.budgets $$(( $$(date +%s) - began ))
 
 fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as in make test (some minutes)"
@@ -103,9 +106,18 @@ mutants: $(MEASURING)
 	@PYTHONPATH=.venv/measuring OMP_NUM_THREADS=1 OPENCV_FOR_THREADS_NUM=1 $(ENV)/python -m mutmut run --max-children 1
 	@PYTHONPATH=.venv/measuring $(ENV)/python -m mutmut results
 
+# The packets of the project video are repeated, with a tone.
 soak: $(INSTALLED)
-	@echo "== One hour of video through the command line: frames, sound, memory (half an hour or more)"
-	@$(ENV)/python -m tools.soak
+	@echo "== One hour of video through the command line: frames in, frames out, peak memory (half an hour or more)"
+	@mkdir -p .soak && $$($(ENV)/python -c "import imageio_ffmpeg; print(imageio_ffmpeg.get_ffmpeg_exe())") -v error -y \
+		-stream_loop 359 -i test_videos/project_video.mp4 -f lavfi -i sine -c:v copy -shortest .soak/long.mp4
+	@$(ENV)/python -c "import resource, sys; from lanes.cli import main; status = main(sys.argv[1:]); \
+		print(f'peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000:.0f} MB'); sys.exit(status)" \
+		annotate --camera test_videos/project_video.yaml --no-report .soak/long.mp4 -o .soak/out
+	@$(ENV)/python -c "from lanes.video.reader import inspect_video; \
+		read, written = map(inspect_video, ('.soak/long.mp4', '.soak/out/long.mp4')); print(read, written, sep='\n'); \
+		assert (read.frames, read.duration_s) == (written.frames, written.duration_s) and written.has_audio"
+	@rm -r .soak
 
 # The copy is made last, so that a failed installation is repeated.
 $(INSTALLED): requirements.txt
@@ -139,9 +151,10 @@ lock: .venv/extra-book.txt .venv/extra-cluster.txt .venv/extra-ros.txt
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@$(COMPILE) requirements.txt $^ -o requirements.lock
 
+# --strict: a package without an answer of the advisory service is a failure, too.
 audit: $(INSTALLED)
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check pip-audit==2.10.1
-	@.venv/tools/bin/python -m tools.audit
+	@.venv/tools/bin/pip-audit --strict --disable-pip --require-hashes --requirement requirements.lock
 
 clean:
 	rm -rf book/_build .venv .mypy_cache .pytest_cache .ruff_cache .hypothesis

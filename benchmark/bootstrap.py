@@ -1,4 +1,4 @@
-"""Intervals of shares of frames that are not independent, and the systems that are not worse than the best one.
+"""Intervals of shares of frames that are not independent.
 
 Frames of a drive resemble each other, so whole drives are drawn with replacement (cluster bootstrap). A single drive is
 divided into blocks of one second. See A. C. Davison and D. V. Hinkley, "Bootstrap methods and their application", 1997,
@@ -8,12 +8,8 @@ sections 3.8 and 8.2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from benchmark.scores import Result
 
 RESAMPLINGS, SEED = 4000, 0
 # Percentiles of a 95 % interval; 95 % of a normal distribution lie within 1.96 standard deviations.
@@ -75,35 +71,3 @@ def wilson_interval(successes: np.ndarray, count: np.ndarray, *, z: float = Z_95
     half = z / (1 + z**2 / count) * np.sqrt(share * (1 - share) / count + z**2 / (4 * count**2))
     # clipped, because rounding could exclude the share itself at 0 and 1
     return np.clip(middle - half, 0.0, share), np.clip(middle + half, share, 1.0)
-
-
-def accuracy_interval(group: Sequence[Result]) -> tuple[float, float]:
-    """95 % interval of the accuracy of a system over some drives; NaN without a frame with a true lane."""
-    if not any(result.errors.exists.any() for result in group):
-        return float("nan"), float("nan")
-    return share_interval(*_successes(group))
-
-
-def among_best(groups: Sequence[Sequence[Result]]) -> list[bool]:
-    """Whether each system is the best one or not significantly worse, from the results of each on the same drives.
-
-    It is not worse if the 95 % interval of the difference of their shares of successes, frame by frame, contains 0.
-    """
-    successes, (clusters, *_) = zip(*(_successes(group) for group in groups), strict=True)
-    best = max(successes, key=np.sum).astype(float)
-    # without any frame nothing is worse
-    return [not mean_interval(best - success, clusters)[0] > 0 for success in successes]
-
-
-def _successes(group: Sequence[Result]) -> tuple[np.ndarray, np.ndarray]:
-    """(N,) bool, whether a system succeeds in the frames that count, and (N,) their clusters.
-
-    A success is a correct frame; if no frame has a true lane, one that is not confident and wrong.
-    """
-    drives = [result.errors for result in group]
-    clusters = frame_clusters([len(drive.exists) for drive in drives], [result.fps for result in group])
-    exists, correct, wrong = (
-        np.concatenate([getattr(drive, name) for drive in drives])
-        for name in ("exists", "correct", "confident_and_wrong")
-    )
-    return (correct[exists], clusters[exists]) if exists.any() else (~wrong, clusters)

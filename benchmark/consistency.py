@@ -9,86 +9,20 @@ Bar-Shalom et al., "Estimation with applications to tracking and navigation", 20
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmark.errors import LANE_CHANGE_M, NEAR, LaneTruth, line_errors, worse_rms
-from benchmark.estimates import AHEAD_M, DriveEstimates
+from benchmark.errors import NUMBERS, QUANTITIES, NormalizedErrors
 from benchmark.reporting.tables import read_scores
 from benchmark.scores import Result, Row, by_difficulty, total_name
 from lanes.describe import format_table
 
-# The numbers of the stated covariance, and all whose z is reported.
-NUMBERS = ("offset", "heading", "curvature", "width")
-QUANTITIES = (*NUMBERS, *(f"lateral_{x:.0f}m" for x in AHEAD_M))
-# With a larger error of a line, over 5 to 20 m, another lane was found. Its uncertainty is that of another lane, too.
-OTHER_LANE_M = 1.0
 LEGEND = """\
 z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and the
 shares within 1 and 2 standard deviations (68/95 % are wanted). NEES is e^T P^-1 e / 4 of offset, heading, curvature and
 width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated.
 Frames of a lane change, and those in which another lane was found, are counted, but left out."""
-
-
-@dataclass(frozen=True, eq=False)
-class NormalizedErrors:
-    """Errors of M frames in units of the stated standard deviations.
-
-    `z` (M, 4) are those of `NUMBERS`, `lines_z` (M, 2, D) those of the lateral positions at AHEAD_M, NaN where a line
-    has ended; `nees` (M,) is divided by 4. Two kinds of frames are left out and counted: in `lane_change_frames` the
-    car is within 0.4 m of a line, and either adjacent lane counts as the ego lane; in `other_lane_frames` another lane
-    was found.
-    """
-
-    z: np.ndarray
-    lines_z: np.ndarray
-    nees: np.ndarray
-    lane_change_frames: int
-    other_lane_frames: int
-
-    @classmethod
-    def joined(cls, drives: Sequence[NormalizedErrors]) -> NormalizedErrors:
-        """The frames of all drives."""
-        z, lines_z, nees = (np.concatenate([getattr(drive, k) for drive in drives]) for k in ("z", "lines_z", "nees"))
-        changes, others = (sum(getattr(d, f"{k}_frames") for d in drives) for k in ("lane_change", "other_lane"))
-        return cls(z, lines_z, nees, changes, others)
-
-    def of(self, quantity: str) -> np.ndarray:
-        """The finite z of one of `QUANTITIES`; those of both lines for a lateral position."""
-        number = QUANTITIES.index(quantity)
-        z = self.z[:, number] if number < len(NUMBERS) else self.lines_z[:, :, number - len(NUMBERS)].ravel()
-        return z[np.isfinite(z)]
-
-
-def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedErrors | None:
-    """Errors of the estimates, divided by what the system states, against the truth of the same N frames.
-
-    None if the system states no covariance in any frame with a true lane.
-    """
-    compared = np.isfinite(estimates.covariance).all(axis=(1, 2)) & truth.exists
-    if not compared.any():
-        return None
-    change = (np.abs(truth.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
-    lateral = np.where(truth.compared, estimates.lines_y_m - truth.lines_y_m, np.nan)
-    other = worse_rms(line_errors(estimates, truth)[..., NEAR]) > OTHER_LANE_M
-    used = compared & ~change & ~other
-    errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[used]
-    covariance = estimates.covariance[used]
-    return NormalizedErrors(
-        errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-        lateral[used] / estimates.lines_std_m[used],
-        np.einsum("ni,ni->n", errors, np.linalg.solve(covariance, errors[..., None])[..., 0]) / len(NUMBERS),
-        int((compared & change).sum()),
-        int((compared & ~change & other).sum()),
-    )
-
-
-def _of(lanes: DriveEstimates | LaneTruth, name: str) -> np.ndarray:
-    """(N,) values of one of `NUMBERS`."""
-    units = {"heading": "rad", "curvature": "per_m"}
-    return getattr(lanes, f"{name}_{units.get(name, 'm')}")
 
 
 def z_summary(z: np.ndarray) -> dict[str, float]:

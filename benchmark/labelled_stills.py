@@ -16,7 +16,7 @@ from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.images import read_image
-from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns
+from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import PoseEstimate, detect_in_drive, ensure_pose
 from lanes.score import PictureScore, lateral_errors_m, reliability, score_picture, summarize
 from lanes.stills import StillDetection
@@ -50,20 +50,19 @@ def score_pictures(
     """
     others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
     scores: dict[str, list[PictureScore]] = {system: [] for system in systems}
-    checks = []
+    checks: list[StillCheck] = []
     for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
         camera.require_size(image, label.name)
-        columns = {system: columns_of(image, label.rows) for system, columns_of in others.items()}
+        for system, columns_of in others.items():
+            lines = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
+            scores[system].append(score_picture(label, lines, camera.size))
         if len(others) < len(systems):
             found = detect(image)
-            of_lane = np.full((2, len(label.rows)), NO_POINT)
-            if found.lane is not None:
-                of_lane = found.lane.columns(found.camera, label.rows)
-                checks.append(check_lane(found.lane, label, found.camera))
-            columns |= {system: of_lane for system in systems if system not in others}
-        for system, some in columns.items():
-            lines = LaneColumns(label.name, label.rows, np.round(some, 1), EGO_SIDES)
-            scores[system].append(score_picture(label, lines, camera.size))
+            check = check_lane(found.lane, label, found.camera) if found.lane else None
+            checks += [check] if check else []
+            score = check.score if check else score_picture(label, None, camera.size)
+            for system in systems:
+                scores[system] += [score] if system not in others else []
         if progress:
             progress(done, len(labels))
     return scores, checks

@@ -5,7 +5,6 @@ drives -> PreparedDrive (rendered, camera with pose) -> DriveEstimates (cached i
 
 from __future__ import annotations
 
-import hashlib
 import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -13,8 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark import estimates, evaluation, own_finder, systems
-from benchmark.consistency import normalize_errors
-from benchmark.errors import frame_errors
+from benchmark.errors import frame_errors, normalize_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.machine import describe_machine
@@ -24,9 +22,10 @@ from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict
 from lanes.detect.markings import Markings
+from lanes.files import hash_sources
 from lanes.video import container, reader
 from lanes.video.reader import inspect_video
-from simulator.disk_cache import cache_folder
+from simulator.disk_cache import cache_folder, short_hash
 from simulator.processes import run_all
 
 Progress = Callable[[int, int], None]
@@ -96,12 +95,9 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
-    """Twelve digits that depend on everything that the estimates depend on."""
-    digest = hashlib.sha256(prepared.drive.require_video().read_bytes())
-    camera = camera_to_dict(prepared.camera)
-    digest.update(f"{describe_machine()} {AHEAD_M.tolist()} {camera} {prepared.markings!r}".encode())
+    """Digits that depend on everything that the estimates depend on."""
     modules = (estimates, evaluation, own_finder, systems, frames, container, reader)
-    for source in (*(Path(inspect.getfile(module)) for module in modules), *source_files(system)):
-        for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
-            digest.update(file.read_bytes())
-    return digest.hexdigest()[:12]
+    sources = (Path(inspect.getfile(module)) for module in modules)
+    files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
+    conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings
+    return short_hash(files, *conditions)

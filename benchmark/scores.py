@@ -5,16 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from benchmark.bootstrap import accuracy_interval, among_best
-from benchmark.errors import FrameErrors, recovery_lengths
+from benchmark.bootstrap import frame_clusters, mean_interval, share_interval
+from benchmark.errors import FrameErrors, NormalizedErrors, recovery_lengths
 from benchmark.estimates import AHEAD_M
-
-if TYPE_CHECKING:
-    from benchmark.consistency import NormalizedErrors
 
 # Distances ahead, each with its own columns in the table.
 TABLE_AHEAD_M = (5.0, 15.0, 30.0)
@@ -92,6 +89,38 @@ def _compare(systems: Sequence[Sequence[Result]]) -> list[dict[str, float]]:
         {"accuracy_low": low, "accuracy_high": high, "among_best": mark}
         for (low, high), mark in zip(intervals, marks, strict=True)
     ]
+
+
+def accuracy_interval(group: Sequence[Result]) -> tuple[float, float]:
+    """95 % interval of the accuracy of a system over some drives; NaN without a frame with a true lane."""
+    if not any(result.errors.exists.any() for result in group):
+        return float("nan"), float("nan")
+    return share_interval(*_successes(group))
+
+
+def among_best(groups: Sequence[Sequence[Result]]) -> list[bool]:
+    """Whether each system is the best one or not significantly worse, from the results of each on the same drives.
+
+    It is not worse if the 95 % interval of the difference of their shares of successes, frame by frame, contains 0.
+    """
+    successes, (clusters, *_) = zip(*(_successes(group) for group in groups), strict=True)
+    best = max(successes, key=np.sum).astype(float)
+    # without any frame nothing is worse
+    return [not mean_interval(best - success, clusters)[0] > 0 for success in successes]
+
+
+def _successes(group: Sequence[Result]) -> tuple[np.ndarray, np.ndarray]:
+    """(N,) bool, whether a system succeeds in the frames that count, and (N,) their clusters.
+
+    A success is a correct frame; if no frame has a true lane, one that is not confident and wrong.
+    """
+    drives = [result.errors for result in group]
+    clusters = frame_clusters([len(drive.exists) for drive in drives], [result.fps for result in group])
+    exists, correct, wrong = (
+        np.concatenate([getattr(drive, name) for drive in drives])
+        for name in ("exists", "correct", "confident_and_wrong")
+    )
+    return (correct[exists], clusters[exists]) if exists.any() else (~wrong, clusters)
 
 
 def _row(name: str, group: Sequence[Result]) -> Row:

@@ -21,7 +21,7 @@ from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_f
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, track
 from lanes.camera import Camera
-from lanes.detect.lane import Lane
+from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.stills import find_lane
@@ -164,16 +164,13 @@ def project_lines(
 
     A line that is None has no columns. `top_rows` are the rows at which the two lines end.
     """
-    columns = np.full((2, len(rows)), -2.0)
-    for k, (y_m, top_row) in enumerate(zip(lateral_m, top_rows, strict=True)):
-        if y_m is None:
-            continue
-        u, v = camera.road_to_pixels(np.column_stack([PROJECTED_AT_M, y_m])).T
-        shown = np.isfinite(v) & (v >= top_row)
-        if shown.sum() > 1:
-            order = np.argsort(v[shown])
-            columns[k] = np.interp(rows, v[shown][order], u[shown][order], left=-2, right=-2)
-    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
+    outlines = []
+    for y_m, top_row in zip(lateral_m, top_rows, strict=True):
+        points = np.empty((0, 2)) if y_m is None else np.column_stack([PROJECTED_AT_M, y_m])
+        pixels = camera.road_to_pixels(points)
+        shown = pixels[np.isfinite(pixels[:, 1]) & (pixels[:, 1] >= top_row)]
+        outlines.append(shown[np.argsort(-shown[:, 1])])
+    return columns_at(rows, outlines, camera)
 
 
 def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.ndarray:

@@ -25,12 +25,12 @@ from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, C
 from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
-from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video, write_detections
+from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video
 from lanes.draw import STYLES
 from lanes.errors import CameraError, LaneError, PoseError
 from lanes.explain import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
-from lanes.files import MESSAGES_SUFFIX, require_no_input_among
+from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
 from lanes.images import kind_of_file, read_image, write_image
 from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
@@ -246,7 +246,7 @@ class Detect:
             found += detect_in_stills(sources.stills, settings, options.rows, failures)
         lost = sum(detection["state"] == "lost" for detection in found)
         damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
-        print(f"wrote {write_detections(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
+        print(f"wrote {write_json_lines(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
         return report_failures(failures, len(found))
 
 

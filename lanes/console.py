@@ -6,10 +6,11 @@ import argparse
 import math
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,18 @@ def run_program(main: Callable[[], int]) -> None:
             output = BufferedWriter(_Unfailing(stream.detach()))
             setattr(sys, name, TextIOWrapper(output, stream.encoding, "backslashreplace", line_buffering=True))
     sys.exit(main())
+
+
+@contextmanager
+def sigint_blocked() -> Iterator[None]:
+    """Delay Ctrl-C, which in a terminal reaches all processes; those started meanwhile inherit the blocked signal."""
+    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Unfailing(RawIOBase):

@@ -9,8 +9,7 @@ seen, because TuSimple counts a line without points as a false positive; `sides`
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,6 @@ from lanes.annotate import DriveSettings, detect_stills, make_tracker, prepare_d
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.errors import LaneError
-from lanes.files import write_atomically
 from lanes.images import read_image
 from lanes.labels import NO_POINT
 from lanes.video.orientation import MIRRORED_WORDS
@@ -102,9 +100,3 @@ def as_detection(
         "offset_m": lane and round(lane.offset_m, 4),
         "curvature_per_m": lane and round(lane.curvature_per_m, 7),
     }
-
-
-def write_detections(path: str | Path, detections: Iterable[dict]) -> Path:
-    """Write JSON lines atomically; returns the path. Raises OSError if the file cannot be written."""
-    write_atomically(path, "".join(json.dumps(detection) + "\n" for detection in detections).encode())
-    return Path(path)

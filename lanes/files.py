@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import csv
 import errno
+import hashlib
 import io
+import json
 import os
 import stat
 import zlib
@@ -114,6 +116,23 @@ def list_files(folder: str | Path) -> list[Path]:
         raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
     # macOS adds hidden files such as ._board1.png.
     return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
+
+
+def hash_sources(*sources: Path) -> str:
+    """Twelve hexadecimal digits that change with the content of the files; a folder stands for its Python files."""
+    digest = hashlib.sha256()
+    for source in sources:
+        for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
+            name = file.relative_to(source).as_posix() if file != source else file.name
+            digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+    return digest.hexdigest()[:12]
+
+
+def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
+    """Write a JSON object per line atomically; returns the path. Raises OSError if the file cannot be written."""
+    text = "".join(json.dumps(row) + "\n" for row in rows)
+    write_atomically(path, text.encode() or b"\n")  # an empty file would be refused as a failed copy
+    return Path(path)
 
 
 def write_atomically(path: str | Path, data: bytes) -> None:

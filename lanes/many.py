@@ -7,17 +7,14 @@ the drive (input, settings and versions) and the sizes of the outputs. While nei
 
 from __future__ import annotations
 
-import hashlib
 import json
 import logging
 import os
 import platform
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +23,9 @@ import av
 import lanes
 from lanes.annotate import DriveSettings, annotate_drive, output_path, versions
 from lanes.camera import camera_to_dict
+from lanes.console import sigint_blocked
 from lanes.errors import VideoError
-from lanes.files import read_text, remove_partial, require_file, write_atomically, write_telemetry
+from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
 from lanes.video.robot_log import file_of_log
@@ -158,11 +156,7 @@ def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:
 @cache
 def all_versions() -> dict[str, str]:
     """Versions of Python and of the packages that the results depend on, and a digest of the code of `lanes`."""
-    digest = hashlib.sha256()
-    root = Path(lanes.__file__).parent
-    for path in sorted(root.rglob("*.py")):
-        digest.update(path.relative_to(root).as_posix().encode() + path.read_bytes())
-    return {**versions(), "lanes": digest.hexdigest()[:12]}
+    return {**versions(), "lanes": hash_sources(Path(lanes.__file__).parent)}
 
 
 def read_finished(job: DriveJob) -> FinishedDrive | None:
@@ -261,16 +255,10 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
                 ) from error
         else:
             resources.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": RETRIES}))
-            # Ctrl-C in a terminal reaches all processes. The workers inherit the blocked signal, and end with this one.
-            # Python starts its resource tracker with the first process, and unblocks the signal after that.
-            resource_tracker.ensure_running()
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
-                # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
-                quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
+            # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
+            quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
+            with sigint_blocked():  # the workers end with this process
                 local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, **quiet)
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             client = Client(resources.enter_context(local))
         try:
             yield resources.enter_context(client)

@@ -13,7 +13,7 @@ import numpy as np
 from filelock import FileLock
 from platformdirs import user_cache_path
 
-from lanes.files import atomic_write, list_files
+from lanes.files import atomic_write, hash_sources, list_files
 
 
 def cache_folder() -> Path:
@@ -37,7 +37,7 @@ def cached_array(
     `name` is the start of the file's name, with its folder in front; `sources` are the Python files on which the array
     depends. Of the arrays in that folder the oldest are removed, so that `max_files` are left.
     """
-    digest = short_hash(cv2.__version__, np.__version__, *(source.read_bytes() for source in sources))
+    digest = short_hash(cv2.__version__, np.__version__, hash_sources(*sources))
     try:
         path = cache_folder() / f"{name}-{digest}.npy"
     except RuntimeError:

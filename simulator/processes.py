@@ -11,12 +11,12 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from itertools import islice
-from multiprocessing import resource_tracker
 from threading import Thread
 from typing import Any, TypeVar
 
 import cv2
 
+from lanes.console import sigint_blocked
 from lanes.images import opencv_threads
 
 Job = TypeVar("Job")
@@ -110,18 +110,6 @@ def _worker_pool(function: Callable, workers: int) -> Generator[ProcessPoolExecu
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def sigint_blocked() -> Generator[None]:
-    """Delay Ctrl-C; processes started meanwhile inherit the blocked signal until `_start_worker` has run."""
-    # Python starts its resource tracker with the first process, and unblocks the signal after that.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 class _Worker:

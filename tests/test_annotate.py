@@ -186,13 +186,28 @@ def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
         assert result.description.startswith("height")
 
 
-def test_a_moved_camera_is_reported(tmp_path):
-    """After six of twelve seconds the camera looks two degrees farther down."""
+def test_a_moved_camera_is_reported_with_the_time_on_the_clock_of_the_video(tmp_path):
+    """After 10 of 16 seconds the camera looks two degrees farther down; the part from 4 s on is annotated."""
     with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
-        for number in range(60):
-            writer.write((BENDS if number < 30 else pitched(BENDS, 2)).frame(number / 5), number / 5)
-    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
-    assert re.search(r"seems to have moved after [567] s: .* (1\.[7-9]|2\.\d) deg farther down", result.description)
+        for number in range(80):
+            writer.write((BENDS if number < 50 else pitched(BENDS, 2)).frame(number / 5), number / 5)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
+    words = r"seems to have moved after (9|10|11) s: .* (1\.[7-9]|2\.\d) deg farther down"
+    assert re.search(words, result.description)
+
+
+def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
+    """Frames 5 to 9 and the last forty are black."""
+    dark = {*range(5, 10), *range(50, 90)}
+    frames = [BLACK if number in dark else BENDS.frame(number / 25) for number in range(90)]
+    video = write_clip(tmp_path / "drive.mp4", frames)
+    (result,) = quietly(video, tmp_path / "out", start_s=0.6, end_s=3.4)
+    table, lost = result.telemetry, result.telemetry["state"] == "lost"
+    assert table["frame"].tolist() == list(range(15, 85)) and result.missing == 0
+    np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-6)
+    assert lost[-9:].all() and "70 frames, lane tracked in" in result.description
+    assert f"lost for {lost.sum() / 25:.1f} s" in result.description
+    assert "from 0.6 s to 3.4 s" in (tmp_path / "out" / "drive.html").read_text()
 
 
 @pytest.mark.parametrize("command", ["annotate", "detect"])

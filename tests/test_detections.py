@@ -86,6 +86,8 @@ def test_a_far_line_that_is_seen_follows_the_lines_of_the_lane():
     inside = (rows > v[0] + 1) & (np.interp(rows, v, u) < 635)
     assert inside.sum() > 3 and (columns[inside] >= 0).all()
     np.testing.assert_allclose(columns[inside], np.interp(rows, v, u)[inside], atol=3)
+    own = lane.columns(SMALL, rows)
+    assert detection["lanes"][:2] == np.round(own, 1).tolist() and (own % 1 != 0).any()
     blind = as_detection(replace(lane, far_evidence=(None, None)), SMALL, rows, 1.0)
     assert blind["sides"] == ["left", "right"] and blind["lanes"] == detection["lanes"][:2]
 

@@ -44,6 +44,11 @@ class TestEgoLane:
         assert ego_columns(*lines) == ego_columns(*lines[::-1]) == [500, 800]
         assert ego_columns(upright(700), upright(-2), upright(900)) == [-2, 700]
 
+    def test_a_line_is_extended_from_its_lower_half_and_not_from_its_last_points(self):
+        shaky = upright(500)
+        shaky[-2:] += -2, 2  # extended from these two, it would end at 552
+        assert ego_columns(shaky, upright(540), upright(900)) == [540, 900]
+
     def test_a_single_line_is_on_its_side_of_the_centre(self):
         assert ego_columns(upright(700)) == [-2, 700] and ego_columns(upright(600)) == [600, -2]
         assert ego_columns() == [-2, -2]

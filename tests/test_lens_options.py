@@ -14,25 +14,10 @@ from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.files import read_telemetry
 from lanes.images import write_image
 from tests.support.clips import write_clip, write_drive
-from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 
 POSE = CameraPose(1.3, pitch_rad=0.06)
 FRAMES = 20
-
-
-@pytest.fixture
-def run(capsys):
-    """A function that runs a command; returns its exit status, stdout and stderr."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        try:
-            status = main([str(argument) for argument in arguments])
-        except SystemExit as stop:  # wrong usage
-            status = stop.code
-        return status, *capsys.readouterr()
-
-    return run
 
 
 def curvature_ratio(drive: PaintedDrive, folder: Path) -> float:
@@ -48,7 +33,7 @@ def bend_seen_by(lens: str, hfov_deg: float) -> PaintedDrive:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hfov_deg", [105, 120])
+@pytest.mark.parametrize("hfov_deg", [110])
 def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run, hfov_deg):
     drive = bend_seen_by("equidistant", hfov_deg)
     write_drive(tmp_path / "drive.mp4", drive, FRAMES)
@@ -207,14 +192,17 @@ def test_height_and_lane_width_determine_the_scale(lorry, tmp_path, run):
     still = write_image(tmp_path / "still.png", BENDS.frame(0))
     lens = tmp_path / "lens.yaml"
     save_camera(replace(SMALL, pose=None), lens)
-    common = "annotate", "--camera", lens, "--no-report", "--end", 0.2
-    for source, table in ((lorry / "drive.mp4", "drive.csv"), (still, "pictures.csv")):
-        widths = []
-        for number, option in enumerate((["--height", 1.1], ["--height", 1.3], ["--lane-width", 3.2])):
-            assert run(*common, *option, source, "-o", tmp_path / f"out{number}")[0] == 0
-            widths.append(np.nanmedian(read_telemetry(tmp_path / f"out{number}" / table)["lane_width_m"]))
-        assert widths[1] / widths[0] == pytest.approx(1.3 / 1.1, abs=0.05) and widths[1] == pytest.approx(3.6, abs=0.2)
-        assert widths[2] == pytest.approx(3.2, abs=0.12)
+    common = "annotate", "--camera", lens, "--no-report", "--end", 0.2, "-o", tmp_path / "out"
+
+    def width_m(source: Path, *option: object) -> float:
+        assert run(*common, *option, source)[0] == 0
+        table = tmp_path / "out" / ("pictures.csv" if source == still else "drive.csv")
+        return float(np.nanmedian(read_telemetry(table)["lane_width_m"]))
+
+    low_m, high_m = (width_m(lorry / "drive.mp4", "--height", height_m) for height_m in (1.1, 1.3))
+    assert high_m / low_m == pytest.approx(1.3 / 1.1, abs=0.05) and high_m == pytest.approx(3.6, abs=0.2)
+    assert width_m(still, "--height", 1.3) == pytest.approx(3.6, abs=0.2)
+    assert width_m(still, "--lane-width", 3.2) == pytest.approx(3.2, abs=0.12)
     status, _, err = run("detect", "--camera", lorry / "drive.yaml", "--height", 1.3, still, "-o", tmp_path / "x.jsonl")
     assert status == 2 and "the camera file holds a pose; omit --height" in err
 

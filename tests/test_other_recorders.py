@@ -23,7 +23,6 @@ from lanes.files import read_telemetry
 from lanes.images import read_image
 from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
-from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
 
 logs = pytest.importorskip("tests.support.robot_logs", reason="rosbags is not installed: pip install rosbags")
@@ -33,17 +32,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E
 TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
 TIMES_S = np.arange(6) / 10
 STAMPS = logs.stamps_at(TIMES_S)
-
-
-@pytest.fixture
-def run(capsys):
-    """A function that runs a command; returns its exit status, stdout and stderr."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        status = main([str(argument) for argument in arguments])
-        return status, *capsys.readouterr()
-
-    return run
 
 
 def shades(path: Path, **options: object) -> list[float]:
@@ -68,11 +56,12 @@ def ros_topic(recorders, kind: str, *, ros1: bool = False) -> tuple:
 
 def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
     messages = []
-    for image, stamp in zip(TINY, STAMPS, strict=True):
+    for number, (image, stamp) in enumerate(zip(TINY, STAMPS, strict=True)):
         fields = {"data": recorders.jpeg(image), "format": "jpeg"}
         if name.endswith("RawImage"):
             fields = {"width": 12, "height": 8, "encoding": "rgb8", "step": 36, "data": image.tobytes()}
-        messages.append((stamp + 30_000_000, recorders.serialize(name, encoding, stamp, fields)))
+        recorded = stamp + 30_000_000 + 7_000_000 * (number % 2)
+        messages.append((recorded, recorders.serialize(name, encoding, stamp, fields)))
     return name, "jsonschema" if encoding == "json" else "protobuf", encoding, messages
 
 
@@ -200,9 +189,8 @@ def test_a_compressed_recording_is_read_from_its_folder_and_from_its_file(tmp_pa
     assert find_sources([str(file)]).videos == (file,) and shades(file) == shades(folder)
 
 
-def write_split(folder: Path, images: list[np.ndarray], times_s: np.ndarray) -> Path:
-    """A recording in two files whose names sort the other way around."""
-    half = len(images) // 2
+def write_split(folder: Path, images: list[np.ndarray], times_s: np.ndarray, half: int) -> Path:
+    """A recording in two files, with `half` of the images in the first, whose names sort the other way around."""
     parts = [
         write_compressed(folder.with_name(f"part{n}"), "NONE", "SQLITE3", images[part], times_s[part])
         for n, part in enumerate((slice(half), slice(half, None)))
@@ -220,12 +208,16 @@ def write_split(folder: Path, images: list[np.ndarray], times_s: np.ndarray) -> 
 
 def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path, run):
     times_s = np.arange(12) / 25
-    folder = write_split(tmp_path / "drive", [BENDS.frame(time_s) for time_s in times_s], times_s)
+    folder = write_split(tmp_path / "drive", [BENDS.frame(time_s) for time_s in times_s], times_s, 6)
     save_camera(SMALL, tmp_path / "camera.yaml")
     status, out, _ = run("annotate", "--camera", tmp_path / "camera.yaml", folder, "-o", tmp_path / "out")
     assert status == 0 and "12 frames" in out
     table = read_telemetry(tmp_path / "out" / "drive.csv")
     assert table["time_s"] == pytest.approx(times_s, abs=1e-6) and (table["state"][3:] == "tracking").all()
+
+
+def test_a_part_of_a_recording_without_images_is_no_recording_without_images(tmp_path):
+    assert shades(write_split(tmp_path / "drive", TINY, TIMES_S, 6)) == [0, 20, 40, 60, 80, 100]
 
 
 def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
@@ -235,7 +227,7 @@ def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
 
 
 def test_a_recording_of_which_a_part_is_missing_is_refused(tmp_path):
-    folder = write_split(tmp_path / "drive", TINY, TIMES_S)
+    folder = write_split(tmp_path / "drive", TINY, TIMES_S, 3)
     (folder / "a_second.db3").unlink()
     with pytest.raises(VideoError, match=r"a_second\.db3, which metadata\.yaml names, is missing"):
         inspect_video(folder)
@@ -485,14 +477,6 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name)
     assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.32)] == [5, 6, 7]
 
 
-@pytest.mark.parametrize("stamp", [0, 1234567890_000_000_000])
-def test_constant_stamps_give_way_to_the_times_of_the_recording(tmp_path, stamp):
-    recorded = logs.stamps_at(np.arange(30) / 30)
-    path = write_stamped(tmp_path / "drive.mcap", [stamp] * 30, recorded)
-    assert inspect_video(path).fps == pytest.approx(30, abs=0.01)
-    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(30) / 30, abs=1e-6)
-
-
 @pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, 3600.0, -5.0])
 def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, run, wrong_s):
     """A stamp of 1970, one of an hour later, and one that is a little too early."""
@@ -528,11 +512,12 @@ def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_p
 # Options.
 
 
-def test_label_takes_the_topic(tmp_path, run, monkeypatch):
-    """The stills of a log of two cameras are those of the topic."""
-    front = [(s, logs.make_image(BENDS.frame(t), s, ".png")) for s, t in zip(STAMPS, TIMES_S, strict=True)]
-    dark = [(s, logs.make_image(np.zeros((360, 640, 3), np.uint8), s, ".png")) for s in STAMPS]
-    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": front, "/rear": dark})
+def test_label_takes_the_topic_and_a_part(tmp_path, run, monkeypatch):
+    """The stills of a log of two cameras are those of the topic, between --start and --end."""
+    shades = [np.full((360, 640, 3), 40 * number, np.uint8) for number in range(6)]
+    front = [(s, logs.make_image(image, s, ".png")) for s, image in zip(STAMPS, shades, strict=True)]
+    white = [(s, logs.make_image(np.full((360, 640, 3), 250, np.uint8), s, ".png")) for s in STAMPS]
+    path = logs.write_messages(tmp_path / "drive.mcap", {"/front": front, "/rear": white})
     server = pytest.importorskip("lanes.label.server", reason="tornado is not installed")
 
     async def ended(*_: object) -> None: ...
@@ -540,7 +525,6 @@ def test_label_takes_the_topic(tmp_path, run, monkeypatch):
     monkeypatch.setattr(server, "_serve", ended)
     common = "label", "--hfov", 60, "--no-browser", "--stills", 2, "-o", tmp_path / "labels", path
     assert run(*common)[0] == 2
-    status, out, _ = run(*common, "--topic", "/front")
+    status, out, _ = run(*common, "--topic", "/front", "--start", 0.2, "--end", 0.4)
     assert status == 0 and "0 of 2 stills" in out
-    stills = sorted((tmp_path / "labels").glob("*.png"))
-    assert len(stills) == 2 and all(read_image(still).mean() > 50 for still in stills)
+    assert [read_image(still).mean() for still in sorted((tmp_path / "labels").glob("*.png"))] == [80, 120]

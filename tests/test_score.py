@@ -113,40 +113,10 @@ class TestOfficialScore:
         values = score_picture(lines(*labelled), lines(*predicted), SIZES[width_px]).values
         return tuple(float(values[name][0]) for name in ("TuSimple", "FP", "FN"))
 
-    def test_each_label_counts_with_its_best_prediction_in_any_order(self):
-        four = [upright(column) for column in (100, 400, 800, 1100)]
-        assert self.score(four, four[::-1]) == (1, 0, 0)
-        assert self.score(four, four[:2]) == (0.5, 0, 0.5)
-        assert self.score(four[:2], four) == (1, 0.5, 0)
-
-    def test_rows_without_a_point_are_correct_if_the_prediction_has_none_either(self):
-        half, third = upright(), upright()
-        half[:10], third[:7] = -2, -2
-        assert self.score([half], [half]) == (1, 0, 0)
-        # 3 of 20 rows differ: just matched; one more is not
-        assert self.score([half], [third]) == (0.85, 0, 0)
-        third[6] = 300
-        assert self.score([half], [third]) == (0.8, 1, 1)
-
-    def test_a_prediction_without_points_is_a_false_positive(self):
-        assert self.score([upright()], [upright(), upright(-2)]) == (1, 0.5, 0)
-
-    def test_three_surplus_predictions_cost_everything(self):
-        assert self.score([upright()], [upright()] * 3) == (1, pytest.approx(2 / 3), 0)
-        assert self.score([upright()], [upright()] * 4) == (0, 0, 1)
-
-    def test_of_five_labels_the_worst_is_left_out(self):
-        five = [upright(column) for column in (100, 300, 600, 900, 1200)]
-        assert self.score(five, five[:4]) == (1, 0, 0)
-        assert self.score(five, five[:3]) == (0.75, 0, 0.25)
-
     def test_the_tolerance_grows_with_the_angle_and_the_width(self):
         line = slanted(0.75)
         assert self.score([line], [line + 24.9])[0] == 1 and self.score([line], [line + 25.1])[0] == 0
         assert self.score([line], [line + 24.9], width_px=640)[0] == 0
-
-    def test_no_prediction(self):
-        assert self.score([upright()], []) == (0, 0, 1)
 
     def test_the_mean_over_a_set_is_that_of_their_program(self, tmp_path, capsys):
         """Random pictures, also with more lines than counted, without lines, and with slow predictions."""
@@ -248,11 +218,11 @@ class TestLateralErrors:
     def test_median_and_95th_percentile_are_those_of_both_lines(self):
         scores = [
             score_picture(road_lines(1.8, -1.8), road_lines(1.8 + e, -1.8 - e), CAMERA.size, CAMERA)
-            for e in (0.0, 0.1, 0.3)
+            for e in np.linspace(0, 0.38, 20)
         ]
         row = summarize(scores, DISTANCES)
-        assert row["15 m"] == pytest.approx(0.1, abs=0.01) and row["15 m, 95 %"] == pytest.approx(0.3, abs=0.01)
-        assert row["stills"] == 3
+        assert row["15 m"] == pytest.approx(0.19, abs=0.01) and row["15 m, 95 %"] == pytest.approx(0.361, abs=0.01)
+        assert row["stills"] == 20
 
 
 def test_summary_is_over_lines_and_over_pictures():

@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 
 from benchmark.bootstrap import frame_clusters, mean_interval
-from benchmark.consistency import NormalizedErrors, consistency, normalize_errors
-from benchmark.errors import FrameErrors, frame_errors
+from benchmark.consistency import consistency
+from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
 from benchmark.real_roads import WAYS, RoadSet, ScoredLane, read_road_sets, score_set
 from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video

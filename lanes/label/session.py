@@ -12,7 +12,7 @@ import numpy as np
 
 from lanes.annotate import DriveSettings
 from lanes.errors import LaneError
-from lanes.files import read_text, write_atomically
+from lanes.files import read_text, write_json_lines
 from lanes.images import read_image, write_image
 from lanes.label.curve import fit_line, label_rows
 from lanes.sources import sample_images
@@ -101,8 +101,7 @@ class _LabelFile:
             raise LaneError(f"{name}: another program changed its label in {self._path.name}; open this still again.")
         labels = there | {name: label} if label else {other: line for other, line in there.items() if other != name}
         if labels != there:
-            text = "".join(json.dumps(line) + "\n" for line in labels.values())
-            write_atomically(self._path, text.encode() or b"\n")
+            write_json_lines(self._path, labels.values())
             self.labels = labels
 
 

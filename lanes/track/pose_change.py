@@ -32,7 +32,7 @@ MIN_WRONG_YAW_RAD, WRONG_YAW_PERCENTILES = np.radians(1.0), (10, 90)
 class PoseChange:
     """Time and size of a change of the camera pose.
 
-    `time_s` is since the start of the drive. The changes of pitch (> 0 looks farther down) and yaw (> 0 looks farther
+    `time_s` is on the clock of the video. The changes of pitch (> 0 looks farther down) and yaw (> 0 looks farther
     left) are 0 where they are not significant.
     """
 
@@ -61,8 +61,9 @@ def find_wrong_yaw(rows: Mapping[str, np.ndarray]) -> float | None:
     drive do not count, and as much must follow.
     """
     time_s = np.asarray(rows["time_s"], float)
-    counts = (np.asarray(rows["state"]) == TRACKING) & (time_s >= MIN_PART_S)
-    if not counts.any() or time_s[counts].max() < 2 * MIN_PART_S:
+    since_s = time_s - time_s[0]  # a part of a drive has the times of the video
+    counts = (np.asarray(rows["state"]) == TRACKING) & (since_s >= MIN_PART_S)
+    if not counts.any() or since_s[counts].max() < 2 * MIN_PART_S:
         return None
     yaw_rad = -np.asarray(rows["camera_yaw_rad"], float)[counts]
     low, high = np.percentile(yaw_rad, WRONG_YAW_PERCENTILES)

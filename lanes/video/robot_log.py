@@ -72,8 +72,8 @@ def index_log(path: str | Path, topic: str | None = None) -> LogIndex:
     Raises FileNotFoundError, or VideoError if the log cannot be read, or has no such images, or several cameras.
     """
     path = Path(path)
-    version = require_file(file_of_log(path), "robot log", error=VideoError).stat().st_mtime_ns
-    return _index_log(path, topic, version)
+    status = require_file(file_of_log(path), "robot log", error=VideoError).stat()
+    return _index_log(path, topic, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=4)

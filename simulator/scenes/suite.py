@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import simulator
 from lanes import camera
+from lanes.files import hash_sources
 from lanes.images import write_image
 from simulator.disk_cache import cache_folder
 from simulator.processes import available_workers, run_all
@@ -76,12 +76,8 @@ def render_scene(
 
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
-    """Hash (eight digits) of the sources of all modules that affect the images."""
-    folder = Path(simulator.__file__).parent
-    digest = hashlib.sha256()
-    for source in (Path(camera.__file__), *sorted(folder.rglob("*.py"))):
-        digest.update(source.name.encode() + source.read_bytes())
-    return digest.hexdigest()[:8]
+    """Hash of the sources of all modules that affect the images."""
+    return hash_sources(Path(camera.__file__), Path(simulator.__file__).parent)
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:

@@ -7,9 +7,9 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from benchmark.bootstrap import accuracy_interval, among_best, frame_clusters, share_interval, wilson_interval
+from benchmark.bootstrap import frame_clusters, share_interval, wilson_interval
 from benchmark.errors import FrameErrors
-from benchmark.scores import Result, score_rows, total_rows
+from benchmark.scores import Result, accuracy_interval, among_best, score_rows, total_rows
 
 FRAMES = 100
 

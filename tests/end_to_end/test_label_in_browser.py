@@ -17,16 +17,14 @@ from lanes.images import write_image
 from lanes.label.curve import label_rows
 from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns, read_labels, read_predictions
 from lanes.score import score_picture, summarize
-from tests.support.browser import CHROMIUM, DRIVER, open_browser
+from tests.support.browser import needs_browser, open_browser
 from tests.support.command_line import main
 from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
 from tests.support.painted_drive import BENDS
 
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(
-        not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
-    ),
+    needs_browser,
 ]
 TIMES_S = 0.3 * np.arange(10)
 LINES_M = 1.8, -1.8

@@ -10,11 +10,9 @@ from lanes.describe import describe_bend
 from lanes.report.page import write_report
 from lanes.video.writer import VideoWriter
 from tests.report.test_page import story
-from tests.support.browser import CHROMIUM, DRIVER, open_browser
+from tests.support.browser import needs_browser, open_browser
 
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
-)
+pytestmark = needs_browser
 HOSTILE = "<img src=x onerror=document.title='owned'>.mp4"
 # 200 frames of the story; each is as bright as its number.
 LENGTH_S = 10.0

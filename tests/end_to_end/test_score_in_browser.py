@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
 from lanes.images import write_image
 from lanes.labels import LaneColumns
 from lanes.report.score_page import write_score_page
 from lanes.score import score_picture, score_tables
-from tests.support.browser import CHROMIUM, DRIVER, open_browser
+from tests.support.browser import needs_browser, open_browser
 
-pytestmark = pytest.mark.skipif(
-    not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)"
-)
+pytestmark = needs_browser
 HOSTILE = "<img src=x onerror=document.title='owned'>.png"
 ROWS = np.arange(400.0, 700, 10)
 

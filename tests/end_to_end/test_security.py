@@ -12,7 +12,6 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from tests.support.project import ROOT
-from tools.audit import assess
 
 SOURCES = {
     path.relative_to(ROOT).as_posix(): ast.parse(path.read_text(encoding="utf-8"))
@@ -118,13 +117,3 @@ def test_the_lock_has_each_requirement_of_its_installed_packages(locked):
         for requirement in map(Requirement, requires):
             if not requirement.marker or requirement.marker.evaluate({"extra": ""}):
                 assert canonicalize_name(requirement.name) in locked, f"{name} requires {requirement}; run `make lock`"
-
-
-def test_an_audit_without_answers_is_no_success():
-    fine = {"name": "a", "version": "1", "vulns": []}
-    weak = {"name": "b", "version": "2", "vulns": [{"id": "CVE-1"}, {"id": "CVE-2"}]}
-    skipped = {"name": "c", "skip_reason": "not found"}
-    assert assess([fine, fine]) == (0, "no known vulnerability in the 2 packages of requirements.lock")
-    assert assess([fine, weak, skipped])[0] == 1 and "b 2: CVE-1, CVE-2" in assess([weak])[1]
-    assert assess([fine, skipped])[0] == assess([])[0] == 2
-    assert "1 of 2 packages" in assess([fine, skipped])[1]

@@ -1,5 +1,8 @@
-"""The tools: ablation, fit of the confidence, samples for the network, soak test (without its run of an hour)."""
+"""The tools: ablation, fit of the confidence, samples for the network, sizes."""
 
+from __future__ import annotations
+
+import json
 from dataclasses import replace
 from operator import attrgetter
 
@@ -11,18 +14,15 @@ from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import finer_view
-from lanes.files import write_telemetry
 from lanes.track.tracker import TrackerSettings
-from lanes.video.reader import inspect_video, read_video
 from simulator.road.truth import truth_row
-from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
+from tools.budgets import compare_sizes, measure_sizes
 from tools.fit_confidence import cross_validated, fit_logistic, fit_shift, label_lanes, logistic
 from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
-from tools.soak import largest_differences, packet_times, repeat_drive
 
 
 @pytest.fixture(scope="module")
@@ -117,12 +117,12 @@ def test_cells_are_labelled_where_pictures_with_and_without_lines_differ():
 
 
 @pytest.mark.slow
-def test_samples_are_the_same_in_each_run():
-    first, again = (take_sample(9) for _ in range(2))
+def test_samples_are_the_same_in_each_run_and_have_the_edges_of_their_road():
+    first, again = (take_sample(14) for _ in range(2))
     np.testing.assert_array_equal(first.fine_image, again.fine_image)
     np.testing.assert_array_equal(first.label, again.label)
-    assert set(np.unique(first.label)) == {0, 1, UNKNOWN}
-    assert 0.003 < (first.label == 1).mean() < 0.1
+    assert len(first.label) == 2 and set(np.unique(first.label)) == {0, 1, UNKNOWN}
+    assert 0.003 < (first.label == 1).mean() < 0.1 and (first.label[1] == 1).any()
 
 
 def test_samples_without_a_road_have_no_paint():
@@ -142,36 +142,12 @@ def test_worn_and_hidden_paint_is_connected_to_visible_paint_of_its_line():
     assert not connected[:, :13].any() and not connected[50:].any()
 
 
-def test_a_sample_has_the_edges_of_its_road():
-    labels = [take_sample(number).label for number in (14, 15)]
-    assert all(label.shape[0] == 2 and (label[1] == 1).any() for label in labels)
-
-
-FRAMES, TURNS = 12, 4
-
-
-def test_a_repeated_drive_has_every_frame_and_its_sound(tmp_path):
-    source, long = write_drive(tmp_path / "short.mp4", BENDS, FRAMES), tmp_path / "long.mp4"
-    repeat_drive(source, long, TURNS)
-    assert inspect_video(long).frames == FRAMES * TURNS
-    np.testing.assert_allclose(packet_times(long, "video"), np.arange(FRAMES * TURNS) / 25, atol=1e-3)
-    heard_s = packet_times(long, "audio")
-    assert heard_s[-1] == pytest.approx(FRAMES * TURNS / 25, abs=0.1)
-    frames = np.array([frame[::8, ::8] for frame in read_video(long)]).reshape(TURNS, FRAMES, -1)
-    assert (frames == frames[0]).all()
-
-
-@pytest.mark.parametrize(("drift", "last"), [(0.0, 0.01), (0.002, 0.048)])
-def test_drift_grows_the_differences(tmp_path, drift, last):
-    """The first repetition is ignored; the others are compared with the second one."""
-    rng = np.random.default_rng(2)
-    rows = [
-        {"frame": n, "offset_m": 0.3 + rng.choice([-1, 1]) * 0.005 + drift * turn + (turn == 0), "state": "tracking"}
-        for turn in range(22)
-        for n in range(FRAMES)
-    ]
-    rows[-1]["state"] = "lost"
-    found = largest_differences(write_telemetry(tmp_path / "long.csv", rows), FRAMES)
-    assert found["offset_m"][0] == pytest.approx(0.01 + 2 * drift, abs=1e-6)
-    assert found["offset_m"][1] == pytest.approx(last, abs=0.003)
-    assert found["state"] == (0, pytest.approx(1 / FRAMES))
+def test_sizes_are_counted_and_compared_with_their_budgets():
+    source = "A, B = 1, 2\nC = (0.5, -2 * 3)\nclass D:\n    e: int = 7\n    f: bool = True\n"
+    cells = [{"cell_type": "markdown", "source": ["two ", "words"]}, {"cell_type": "code", "source": "a b c"}]
+    files = {"lanes/a.py": source, "lanes/b/c.py": "G = 1\n", "tools/t.py": "\n\n", "docs/a.md": "# One\ntwo three"}
+    sizes = measure_sizes(files | {"project.ipynb": json.dumps({"cells": cells})}, ["lanes", "tools"])
+    assert (sizes["lanes"], sizes["tools"], sizes["all Python"], sizes["files of lanes"]) == (6, 2, 8, 2)
+    assert (sizes["numbers of lanes"], sizes["words of pages"], sizes["words of project.ipynb"]) == (4, 4, 2)
+    lines, above = compare_sizes(sizes, {"lanes": 6, "tools": 1})
+    assert above == ["tools"] and [line.split()[1:4] for line in lines] == [["6", "of", "6"], ["2", "of", "1"]]

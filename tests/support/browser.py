@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,11 @@ from selenium.webdriver.support.wait import WebDriverWait
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 DRIVER = shutil.which("chromedriver")
+# CI has a browser: there its tests fail without one (.github/workflows).
+needs_browser = pytest.mark.skipif(
+    not (CHROMIUM and DRIVER or os.environ.get("REQUIRE_BROWSER")),
+    reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)",
+)
 # Containers have neither the namespaces that the sandbox needs nor a sound card.
 ARGUMENTS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--mute-audio", "--force-color-profile=srgb")
 

@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.lane import Lane
+from lanes.detect.lane import Lane, columns_at
 from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
-from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns
+from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import estimate_pose
 from lanes.score import score_picture
 from simulator.rendering.render import Frame, render_frame
@@ -49,17 +49,13 @@ def enlarged(camera: Camera) -> Camera:
 
 
 def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
-    """Columns of both lines in each fifth picture row from a little below the horizon on; NO_POINT without a lane."""
+    """Columns of both lines in each fifth picture row from a little below the horizon on; -2 without a lane."""
     horizon = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
     rows = np.arange(np.ceil(horizon + 0.06 * camera.height), camera.height, 5)
-    columns, x = np.full((2, len(rows)), NO_POINT), np.geomspace(3, 80, 400)
-    for side in (0, 1):
-        u, v = camera.road_to_pixels(np.column_stack([x, frame.truth.line_y(side, x)])).T
-        seen = np.isfinite(u)
-        if not seen.any():
-            continue
-        columns[side] = np.interp(rows, v[seen][::-1], u[seen][::-1], left=NO_POINT, right=NO_POINT)
-    return LaneColumns(scene, rows, np.where((columns >= 0) & (columns < camera.width), columns, NO_POINT), EGO_SIDES)
+    x = np.geomspace(3, 80, 400)
+    pixels = (camera.road_to_pixels(np.column_stack([x, frame.truth.line_y(side, x)])) for side in (0, 1))
+    outlines = [line[np.isfinite(line[:, 0])] for line in pixels]
+    return LaneColumns(scene, rows, columns_at(rows, outlines, camera), EGO_SIDES)
 
 
 def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
