@@ -6,10 +6,11 @@ import argparse
 import math
 import signal
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
+from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
@@ -55,6 +56,18 @@ def progress_line(name: str) -> Callable[[int, int], None]:
             print(f"{name}: {done} of {total}", file=sys.stderr, flush=True)
 
     return report
+
+
+@contextmanager
+def sigint_blocked() -> Iterator[None]:
+    """Delay Ctrl-C; processes that are started meanwhile inherit the blocked signal."""
+    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def error_status(error: Exception) -> int:

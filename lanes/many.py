@@ -12,12 +12,10 @@ import json
 import logging
 import os
 import platform
-import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
-from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +24,7 @@ import av
 import lanes
 from lanes.annotate import DriveSettings, annotate_drive, output_path, versions
 from lanes.camera import camera_to_dict
+from lanes.console import sigint_blocked
 from lanes.errors import VideoError
 from lanes.files import read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
@@ -262,15 +261,10 @@ def connect(workers: int | None = None, scheduler: str | None = None) -> Iterato
         else:
             resources.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": RETRIES}))
             # Ctrl-C in a terminal reaches all processes. The workers inherit the blocked signal, and end with this one.
-            # Python starts its resource tracker with the first process, and unblocks the signal after that.
-            resource_tracker.ensure_running()
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-            try:
+            with sigint_blocked():
                 # Dask warns about each worker that ends or restarts. A failed drive is reported by this program.
                 quiet = {"dashboard_address": "127.0.0.1:0", "silence_logs": logging.ERROR}
                 local = LocalCluster(n_workers=workers, threads_per_worker=1, processes=True, **quiet)
-            finally:
-                signal.pthread_sigmask(signal.SIG_SETMASK, before)
             client = Client(resources.enter_context(local))
         try:
             yield resources.enter_context(client)
