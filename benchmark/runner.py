@@ -26,7 +26,6 @@ from lanes.camera import camera_to_dict
 from lanes.detect.markings import Markings
 from lanes.video import container, reader
 from lanes.video.reader import inspect_video
-from simulator.disk_cache import cache_folder
 from simulator.processes import run_all
 
 Progress = Callable[[int, int], None]
@@ -53,6 +52,8 @@ def run_benchmark(
     """
     for system in systems:
         require_system(system)
+    from simulator.scenes.suite import cache_folder
+
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
     prepare = partial(_render_and_prepare, estimated_pose=estimated_pose, markings=markings)

@@ -43,7 +43,7 @@ class Car:
 
 @dataclass(frozen=True)
 class Tree:
-    """Tree or bush; `species` is a name in `foliage.SPECIES`."""
+    """Tree or bush; `species` is a name in `trees.SPECIES`."""
 
     x_m: float
     y_m: float

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.landscape.foliage import SPECIES
 from simulator.objects.overpass import BridgeSlice
 from simulator.objects.scene_objects import Car, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
+from simulator.objects.trees import tree_shadows
 from simulator.objects.vehicles import outline_points
 from simulator.objects.walls import Wall
 from simulator.painting.noise import band_noise_tile, sample_noise
@@ -46,7 +44,7 @@ def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
         rings = outline_points(item.body) @ yaw_rotation(item.heading_rad).T
         return [_hull(place + rings[:, :2] + rings[:, 2:] * offset_per_m)]
     if isinstance(item, Tree):
-        return _tree_shadows(item, place, offset_per_m)
+        return tree_shadows(item, offset_per_m)
     if isinstance(item, Sign):
         plate = vertical_rectangle(
             0, 0, item.width_m / 2, item.width_m / 2, item.bottom_m, item.bottom_m + item.height_m
@@ -56,39 +54,6 @@ def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
         half = item.width_m / 2
         plate, pole = vertical_rectangle(0, 0, half, half, 0, item.height_m), None
     return [_hull(place + part[:, :2] + part[:, 2:] * offset_per_m) for part in (plate, pole) if part is not None]
-
-
-def _tree_shadows(tree: Tree, place: np.ndarray, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """Irregular polygons of the lumps, with sun flecks between them, and the polygon of the trunk."""
-    kind = SPECIES[tree.species]
-    low = max(kind.crown_bottom, 0.0)
-    share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
-    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * offset_per_m
-    # A lump is as tall as wide, so its shadow gets longer with a low sun.
-    away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
-    outline = blot + 0.3 * np.linalg.norm(offset_per_m) * (blot @ away)[..., None] * away
-    blots = list((middle[:, None] + outline).astype(np.float32))
-    half = max(0.12, kind.trunk_width * tree.height_m / 2)
-    trunk = vertical_rectangle(0, 0, half, half, 0, tree.height_m * (low + 0.3))
-    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * offset_per_m)]
-
-
-@lru_cache(maxsize=512)
-def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lumps of a tree: heights (N,) as shares, offsets from the trunk (N, 2) and outlines (N, 12, 2) in metres.
-
-    Seeded, so they are the same in all frames.
-    """
-    kind, count = SPECIES[species], 45
-    rng = np.random.default_rng([seed, 7])
-    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    low = max(kind.crown_bottom, 0.0)
-    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
-    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * height_m * (1 - kind.taper * share)
-    toward = rng.uniform(0, 2 * np.pi, count)
-    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
-    size = height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
-    return share, aside, size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
 
 
 def _hull(points: np.ndarray) -> np.ndarray:

@@ -85,6 +85,12 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
     return points
 
 
+def face_normals(corners_m: np.ndarray) -> np.ndarray:
+    """Unit normals (F, 3) of faces (F, 4, 3) from their diagonals."""
+    normal = np.cross(corners_m[:, 2] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 1])
+    return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+
+
 def project_faces(camera: Camera, faces_m: np.ndarray) -> np.ndarray | list[np.ndarray | None]:
     """Pixels of the corners of each face (F, corners, 3), clipped to the view frustum.
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.landscape.backdrop import paint_backdrop
+from simulator.backdrop import paint_backdrop
 from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, RoadLight, develop
 from simulator.light.sunlight import (

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes import camera as lens_model
 from lanes.camera import Camera
-from simulator.disk_cache import cached_array, short_hash
 from simulator.road.road_ahead import RoadAhead
 
 # Beyond this distance the ground is less than 2 px below the horizon and is part of the backdrop.
@@ -31,8 +28,6 @@ SKY_MARGIN = 0.02
 SHORT_STEP = 1e-4
 # Rows per block, so that a block stays in the processor's cache.
 BLOCK_ROWS = 48
-# Lenses in the disk cache.
-MAX_CACHED = 3
 
 
 @dataclass(frozen=True)
@@ -100,12 +95,6 @@ class Ground:
 @lru_cache(maxsize=2)
 def pixel_rays(camera: Camera) -> np.ndarray:
     """Ray directions (height, width, 3) float32 of all raw pixels, in camera axes with z = 1; cached for each lens."""
-    sources = [Path(__file__), Path(lens_model.__file__)]
-    lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MAX_CACHED)
-
-
-def _rays(camera: Camera) -> np.ndarray:
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
     return rays.reshape(camera.height, camera.width, 3).astype(np.float32)

@@ -103,7 +103,7 @@ def _dapple() -> Drive:
 
 
 def _underpass() -> Drive:
-    bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15, seed=2)
+    bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15)
     drive = plain_motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
     return replace(drive, objects=(*drive.objects, bridge))
 
@@ -115,7 +115,7 @@ def _low_sun() -> Drive:
 
 
 def _dirty_glass() -> Drive:
-    glare = Glare(veil=1.2, flare=0.6, dashboard=1.6)
+    glare = Glare(veil=1.2, dashboard=1.6)
     return country_road_drive(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **daylight(-28, 22, tree_density=0.9))
 
 
@@ -211,7 +211,7 @@ SCENES = (
     SuiteScene(
         "underpass", "hard", 4.0, "Bright, dark, bright: below a wide bridge, with delayed exposure.", _underpass
     ),
-    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, lens flare, a shining road.", _low_sun),
+    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, a shining road.", _low_sun),
     SuiteScene(
         "dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that reflects the dashboard, in a wood.", _dirty_glass
     ),

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from simulator.landscape.backdrop import BackdropStyle, paint_backdrop
+from simulator.backdrop import BackdropStyle, paint_backdrop
 
 STYLE = BackdropStyle(tree_density=0.15)
 

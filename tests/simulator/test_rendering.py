@@ -48,10 +48,11 @@ def test_pitch_motion_changes_the_pitch_of_the_truth_not_its_lines():
 
 
 def test_committed_still_is_rendered_again():
-    committed = read_image(PROJECT_ROOT / "test_images" / "test2.jpg").astype(int)
-    again = render_frame(still_scenes()["test2"]).image.astype(int)
+    road = np.s_[470:660, 250:1050]
+    committed = read_image(PROJECT_ROOT / "test_images" / "test2.jpg")[road].astype(int)
+    again = render_frame(still_scenes()["test2"]).image[road].astype(int)
     # JPEG at quality 92 changes texture by a few levels, another scene by dozens.
-    assert np.abs(committed - again).mean() < 2.5
+    assert np.abs(committed - again).mean() < 2.5 and np.ptp(again) > 100
 
 
 def test_bridge_shades_only_the_road_below_it():

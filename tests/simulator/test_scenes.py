@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from simulator.disk_cache import cache_folder
 from simulator.objects.bonnet import bonnet_outline
 from simulator.rendering.render import render_frame
 from simulator.scenes import suite
-from simulator.scenes.suite import SUITE, render_scene, scene_path
+from simulator.scenes.suite import SUITE, cache_folder, render_scene, scene_path
 from simulator.scenes.variants import VARIANT, vary_drive
 
 
