@@ -7,7 +7,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import Atmosphere, composite_behind, split_channels
+from simulator.painting.brush import Atmosphere, composite
 from simulator.painting.noise import smoothstep
 
 # Upper edge as shares of image width and height: left wing, dip, hump in the middle, right wing.
@@ -30,20 +30,13 @@ def bonnet_outline(size: tuple[int, int]) -> np.ndarray:
     return cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
 
 
-def first_hidden_row(size: tuple[int, int]) -> int:
-    """First row from which the bonnet hides everything in an image of `size` (width, height); the height if none."""
-    layer, top = _bonnet_layer(size)
-    open_rows = np.flatnonzero(layer[..., 3].min(axis=1) < 1 - 1e-6)
-    return top + int(open_rows[-1]) + 1
-
-
-def paint_bonnet(picture: np.ndarray, *, light: float = 1.0) -> None:
-    """Paint the bonnet along the bottom of a canvas (4, H, W) of `new_canvas`, in place; it is nearer than all else.
+def paint_bonnet(image: np.ndarray, *, light: float = 1.0) -> None:
+    """Paint the bonnet along the bottom of an image (H, W, 3) float32, in place.
 
     `light` is 1 in the sun and about 0.25 under trees.
     """
-    layer, top = _bonnet_layer(picture.shape[:0:-1])
-    composite_behind(picture, split_channels(layer), 0, top, atmosphere=Atmosphere(light))
+    layer, top = _bonnet_layer((image.shape[1], image.shape[0]))
+    composite(image, layer, 0, top, Atmosphere(light))
 
 
 @lru_cache(maxsize=4)
@@ -58,5 +51,4 @@ def _bonnet_layer(size: tuple[int, int]) -> tuple[np.ndarray, int]:
     tone = cover * (1 - 0.3 * smoothstep(0, 40, inward))
     layer = cv2.merge([*(tone * channel for channel in PAINT), cover]).astype(np.float32)
     layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
-    layer.setflags(write=False)
     return layer, top

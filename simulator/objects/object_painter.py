@@ -1,4 +1,4 @@
-"""Paints all objects of a frame from near to far: vehicles, walls, bridges, trees, signs and posts.
+"""Paints all objects of a frame from far to near: vehicles, walls, bridges, trees, signs and posts.
 
 Objects are in the car's road frame (x forward, y left, z up, metres; the camera is above the origin). The direction of
 the sun points towards the sun, in the same frame.
@@ -33,7 +33,7 @@ CLEAR_GROWTH, FOG_GROWTH = 1.3, 1.12
 
 
 def paint_objects(
-    picture: np.ndarray,
+    image: np.ndarray,
     camera: Camera,
     objects: list[SceneObject],
     *,
@@ -43,48 +43,45 @@ def paint_objects(
     atmosphere_at: Callable[[float], Atmosphere] | None = None,
     crest: tuple[float, np.ndarray] | None = None,
 ) -> None:
-    """Paint objects behind the content of a canvas (4, H, W), from near to far, so that covered pixels can be skipped.
+    """Paint objects over an image (H, W, 3) float32 of linear RGB, from far to near, in place.
 
     `light_at` is a function from positions (N, 2) in the road frame to the light (N, 3) there, as a share of daylight
     (default: 1), `atmosphere_at` one from a distance in metres to the Atmosphere (default: `aerial_perspective` with
     `haze`, 1/km). `crest` are the distance of a crest, and the mask (H, W) of the ground on its near side, which hides
     the objects beyond.
     """
-    crest_distance_m, near_side = crest or (np.inf, None)
+    crest_distance_m, near_side = crest or (0.0, None)
+    bare = image.copy()
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     parts = _sort_by_distance(objects, CLEAR_GROWTH if atmosphere_at is None else FOG_GROWTH)
     ends_px = {id(tree): ends for tree, ends in project_trees(camera, [i for _, i in parts if isinstance(i, Tree)])}
-    road = 0.0
     for (distance, item), light in zip(parts, _lights([item for _, item in parts], light_at), strict=True):
-        if distance >= crest_distance_m:
-            # The near side of the crest hides everything from here on.
-            road, crest_distance_m = picture[3] * near_side, np.inf
-            picture[3] -= road
+        if near_side is not None and distance < crest_distance_m:
+            # The near side of the crest hides everything painted so far.
+            image[near_side], near_side = bare[near_side], None
         air = aerial_perspective(distance, haze) if atmosphere_at is None else atmosphere_at(distance)
-        if isinstance(item, Wall):
-            paint_wall(picture, camera, replace(item, light=light), sun, air)
-            continue
-        if isinstance(item, BridgeSlice):
-            paint_bridge_slice(picture, camera, item, sun, air)
-            continue
-        if light is not None:
+        if light is not None and not isinstance(item, Wall | BridgeSlice):
             air = air._replace(transmittance=air.transmittance * light[0])
-        if isinstance(item, Tree):
-            if id(item) in ends_px:
-                paint_tree(picture, item, ends_px[id(item)], sun, air)
+        if isinstance(item, Wall):
+            paint_wall(image, camera, replace(item, light=light), sun, air)
+        elif isinstance(item, BridgeSlice):
+            paint_bridge_slice(image, camera, item, sun, air)
         elif isinstance(item, Car):
-            paint_vehicle(picture, camera, item, sun, air)
-        else:
-            _paint_plates(picture, camera, item, sun, air)
-    picture[3] += road
+            paint_vehicle(image, camera, item, sun, air)
+        elif not isinstance(item, Tree):
+            _paint_plates(image, camera, item, sun, air)
+        elif id(item) in ends_px:
+            paint_tree(image, item, ends_px[id(item)], sun, air)
+    if near_side is not None:
+        image[near_side] = bare[near_side]
 
 
-def _paint_plates(picture: np.ndarray, camera: Camera, item: Sign | Post, sun: np.ndarray, air: Atmosphere) -> None:
+def _paint_plates(image: np.ndarray, camera: Camera, item: Sign | Post, sun: np.ndarray, air: Atmosphere) -> None:
     """Paint the flat parts of a sign or a post, all across the road, in place."""
     faces, colours = zip(*(_sign_parts(item) if isinstance(item, Sign) else _post_parts(item)), strict=True)
     light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] / 0.8
     pixels = project_faces(camera, np.array(faces) + [item.x_m, item.y_m, item.ground_height_m])
-    paint_polygons(picture, pixels, np.array(colours) * light, atmosphere=air)
+    paint_polygons(image, pixels, np.array(colours) * light, atmosphere=air)
 
 
 def _sign_parts(sign: Sign) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
@@ -107,13 +104,15 @@ def _post_parts(post: Post) -> list[tuple[np.ndarray, tuple[float, float, float]
 
 
 def _sort_by_distance(objects: list[SceneObject], growth: float) -> list[tuple[float, SceneObject]]:
-    """Objects up to MAX_OBJECT_M with their distances, nearest first; walls are cut into segments."""
+    """Objects up to MAX_OBJECT_M with their distances, farthest first; walls are cut into segments.
+
+    Of two objects at one distance, the later one in the list is in front.
+    """
     parts: list[tuple[float, SceneObject]] = []
     for item in objects:
         segments = item.segments(growth=growth) if isinstance(item, Wall) else [item]
         parts += [(_distance(segment), segment) for segment in segments]
-    # Sorted backwards and reversed: of two objects at one distance, the later one in the list is in front.
-    return sorted((part for part in parts if part[0] < MAX_OBJECT_M), key=lambda part: -part[0])[::-1]
+    return sorted((part for part in parts if part[0] < MAX_OBJECT_M), key=lambda part: -part[0])
 
 
 def _lights(objects: list[SceneObject], light_at: Callable[[np.ndarray], np.ndarray] | None) -> list[np.ndarray | None]:

@@ -100,13 +100,11 @@ class BridgeSlice:
         return []
 
 
-def paint_bridge_slice(
-    picture: np.ndarray, camera: Camera, part: BridgeSlice, sun: np.ndarray, air: Atmosphere
-) -> None:
-    """Paint a slice of a bridge behind the content of a canvas (4, H, W), in place."""
+def paint_bridge_slice(image: np.ndarray, camera: Camera, part: BridgeSlice, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a slice of a bridge over an image, in place."""
     light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] if part.front else np.ones(3)
     colours = part.light[:, None] * CONCRETE * light / 0.8
-    paint_polygons(picture, project_faces(camera, part.faces_m), colours, atmosphere=air)
+    paint_polygons(image, project_faces(camera, part.faces_m), colours, atmosphere=air)
 
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: VehiclePose) -> np.ndarray:

@@ -98,7 +98,7 @@ def project_trees(camera: Camera, trees: list[Tree]) -> list[tuple[Tree, np.ndar
     return list(zip((t for t, inside in zip(trees, seen, strict=True) if inside), lines, strict=True))
 
 
-def paint_tree(picture: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:
+def paint_tree(image: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:
     """Paint a tree between its projected foot and top (2, 2), from the far lumps to the near ones, in place."""
     kind, lumps = SPECIES[tree.species], crown(*_seeded(tree))
     up = (ends_px[1] - ends_px[0]) / tree.height_m
@@ -121,4 +121,4 @@ def paint_tree(picture: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.nda
     light = np.clip(0.40 + 0.45 * side @ sun, 0.05, 1)[:, None]
     shade, bright = np.array(kind.shade_colour), np.array(kind.sun_colour)
     colours = np.vstack([0.5 * np.array(BARK), shade + light * (bright - shade)])
-    paint_polygons(picture, [trunk, *blots], colours, atmosphere=air)
+    paint_polygons(image, [trunk, *blots], colours, atmosphere=air)

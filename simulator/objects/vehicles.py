@@ -217,8 +217,8 @@ def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple) -> Faces:
     return Faces.of(np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2), albedo)
 
 
-def paint_vehicle(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint the visible faces of a vehicle and its contact shadow behind the content of a canvas, in place."""
+def paint_vehicle(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint the visible faces of a vehicle and its contact shadow over an image, in place."""
     turn, place = yaw_rotation(car.heading_rad), np.array([car.x_m, car.y_m, car.ground_height_m])
     if outside_picture(outline_points(car.body) @ turn.T + place, camera):
         return
@@ -232,7 +232,7 @@ def paint_vehicle(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray
     ground = footprint(car.body)
     corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + place
     pixels = project_faces(camera, corners)
-    paint_polygons(picture, pixels[:-2], colours, atmosphere=air)
     blur = float(np.clip(40 / max(np.hypot(car.x_m, car.y_m), 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
-    paint_polygons(picture, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+    paint_polygons(image, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+    paint_polygons(image, pixels[:-2], colours, atmosphere=air)

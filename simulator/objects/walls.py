@@ -156,8 +156,8 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along
 
 
-def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a segment of a wall behind the content of a canvas (4, H, W), from far to near, in place."""
+def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a segment of a wall over an image, from far to near, in place."""
     kind, lines, panel = WALLS[wall.kind], wall.lines(), (wall.along() / PANEL_M).astype(int) % PANELS
     rng = np.random.default_rng([wall.seed, 5])
     lines[1:, :, 2] += (lines[1:] - lines[0])[..., 2] * kind.ragged * rng.standard_normal(PANELS)[panel]
@@ -170,4 +170,4 @@ def paint_wall(picture: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray,
         colours.append(tone * colour * irradiance(face_normals(faces[-1]) * wall.side, sun) / 0.8 * light)
     corners = np.concatenate(faces)
     order = np.argsort(-np.linalg.norm(corners.mean(axis=1), axis=1), kind="stable")
-    paint_polygons(picture, project_faces(camera, corners[order]), np.concatenate(colours)[order], atmosphere=air)
+    paint_polygons(image, project_faces(camera, corners[order]), np.concatenate(colours)[order], atmosphere=air)

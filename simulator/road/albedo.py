@@ -21,8 +21,6 @@ DUST = (0.26, 0.235, 0.215)
 # Width of the dust on the pavement, and its coverage at the edge.
 DUST_REACH_M = 2.0
 DUST_SHARE = 0.22
-# Rows per block, so that a block stays in the processor's cache.
-BLOCK_ROWS = 32
 
 
 @dataclass(frozen=True)
@@ -41,16 +39,13 @@ class NoiseLayers:
         return NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
-def ground_albedo(
-    surface: Surface, ground: Ground, *, station_m: float, seed: int, needed: np.ndarray | None = None
-) -> np.ndarray:
+def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
     """Reflectance (rows, width, 3) of the ground without markings, linear float32 RGB, 1.0 = white paint.
 
-    `station_m` is the arc length of the car. The verge is only right in the mask `needed` (rows, width); default:
-    everywhere.
+    `station_m` is the arc length of the car.
     """
     s = ground.s + np.float32(station_m)
-    layers = noise_layers(surface, ground, s, seed)
+    layers = _noise_layers(surface, ground, s, seed)
     albedo = _pavement(surface, ground, s, layers)
     half_footprint_s = ground.footprint_s / 2
     reached_rows = (s - half_footprint_s).min(axis=1), (s + half_footprint_s).max(axis=1)
@@ -58,11 +53,11 @@ def ground_albedo(
         _paint_patch(albedo, patch, ground, s, layers, reached_rows)
     for number, seam in enumerate(surface.seams):
         _paint_seam(albedo, seam, ground, s, seed + 50 + number)
-    paint_verge(albedo, surface, ground, s, layers.blotch, needed=needed, seed=seed + 11)
+    _paint_verge(albedo, surface, ground, s, layers.blotch, seed=seed + 11)
     return albedo
 
 
-def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
+def _noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
     """Noise layers, including the wear across the lanes."""
     footprint = ground.footprint_s
     grain = np.zeros_like(s)
@@ -191,39 +186,15 @@ def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, s
     flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])
 
 
-def paint_verge(
-    albedo: np.ndarray,
-    surface: Surface,
-    ground: Ground,
-    s: np.ndarray,
-    blotch: np.ndarray,
-    *,
-    needed: np.ndarray | None = None,
-    seed: int,
+def _paint_verge(
+    albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, blotch: np.ndarray, *, seed: int
 ) -> None:
     """Paint the ground next to the pavement onto the reflectance (rows, width, 3), in place.
 
     `s` (rows, width) are arc lengths from the road's start, `blotch` (rows, width) is noise.
-    Only the pixels of the mask `needed` are painted; default: all.
     """
-    for first in range(0, len(s), BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
-        where = True if needed is None else needed[rows]
-        _paint_rows(albedo[rows], surface, ground.crop(rows), s[rows], blotch[rows], where, seed)
-
-
-def _paint_rows(
-    albedo: np.ndarray,
-    surface: Surface,
-    ground: Ground,
-    s: np.ndarray,
-    blotch: np.ndarray,
-    needed: np.ndarray | bool,
-    seed: int,
-) -> None:
-    """`paint_verge` for a block of rows."""
     beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
-    pixels = np.flatnonzero((beyond > -ground.footprint_d - np.float32(DUST_REACH_M)) & needed)
+    pixels = np.flatnonzero(beyond > -ground.footprint_d - np.float32(DUST_REACH_M))
     if not len(pixels):
         return
     arrays = (s, ground.d, ground.d_u, ground.d_v, ground.footprint_s, beyond)
@@ -232,43 +203,22 @@ def _paint_rows(
     rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(footprint, 3.0)
     broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(footprint, 30.0)
     fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
-    gravel_tone = 1 + 0.16 * rough + 0.15 * fine
-    grass = _grass(s, d, footprint, rough, broad, fine, seed=seed + 2)
-    # The border follows the tufts.
+    tufts = sample_noise(band_noise_tile(seed + 2), s, d, wave_s_m=0.6, wave_d_m=0.22)
+    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
+    # Dry grass in tufts, with bare soil and dark gaps; its border follows the tufts.
+    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
+    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
+    grass *= np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
     to_grass = edge_coverage(beyond - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
+    verge = GRAVEL[:, None] * (1 + 0.16 * rough + 0.15 * fine)
+    verge += to_grass * (grass - verge)
+    verge *= np.float32(surface.verge_tint)[:, None]
+    if surface.opposite_m is not None:
+        # Plain asphalt, because barriers hide most of it.
+        asphalt = np.float32(MATERIALS["asphalt"].colour)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
+        verge += strip_coverage(d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust
-    if surface.opposite_m is not None:
-        # Plain asphalt, because barriers hide most of it.
-        asphalt = MATERIALS["asphalt"].colour
-        asphalt_tone = 1 + 0.1 * blotch.ravel()[pixels]
-        on_asphalt = strip_coverage(d, d_u, d_v, *surface.opposite_m)
-    # Channel by channel, because numpy is slow where the innermost axis has three elements.
-    for channel in range(3):
-        verge = GRAVEL[channel] * gravel_tone
-        verge += to_grass * (grass[channel] - verge)
-        verge *= np.float32(surface.verge_tint[channel])
-        if surface.opposite_m is not None:
-            verge += on_asphalt * (np.float32(asphalt[channel]) * asphalt_tone - verge)
-        flat = albedo.reshape(-1, 3)[:, channel]
-        below = flat[pixels]
-        flat[pixels] = below + share * (verge - below)
-
-
-def _grass(
-    s: np.ndarray,
-    d: np.ndarray,
-    footprint: np.ndarray,
-    rough: np.ndarray,
-    broad: np.ndarray,
-    fine: np.ndarray,
-    *,
-    seed: int,
-) -> np.ndarray:
-    """Reflectance (3, K) of dry grass in tufts, with bare soil and dark gaps."""
-    tufts = sample_noise(band_noise_tile(seed), s, d, wave_s_m=0.6, wave_d_m=0.22)
-    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
-    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
-    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
-    return grass * np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
+    flat = albedo.reshape(-1, 3)
+    flat[pixels] += share[:, None] * (verge.T - flat[pixels])

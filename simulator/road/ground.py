@@ -26,8 +26,6 @@ SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
 SKY_MARGIN = 0.02
 # After steps shorter than this share of the distance, road coordinates are extrapolated and not looked up again.
 SHORT_STEP = 1e-4
-# Rows per block, so that a block stays in the processor's cache.
-BLOCK_ROWS = 48
 
 
 @dataclass(frozen=True)
@@ -165,11 +163,8 @@ def cast_on_relief(
     top = int(np.argmax(visible.any(axis=1)))
     visible, tangent, slope = visible[top:], tangent[top:], slope[top:]
     x = 1 / np.maximum(seen[top:], np.float32(1 / MAX_GROUND_M))
-    s, d = np.empty_like(x), np.empty_like(x)
-    for first in range(0, len(x), BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
-        places = _refine(x[rows].ravel(), tangent[rows].ravel(), slope[rows].ravel(), height_m, road)
-        x[rows], s[rows], d[rows] = (place.reshape(x[rows].shape) for place in places)
+    places = _refine(x.ravel(), tangent.ravel(), slope.ravel(), height_m, road)
+    x, s, d = (place.reshape(tangent.shape) for place in places)
     return sky + top, visible, x, x * tangent, s, d
 
 

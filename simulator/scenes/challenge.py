@@ -97,14 +97,6 @@ def harder_challenge_video() -> Drive:
 
 
 SCENES = (
-    SuiteScene(
-        "challenge",
-        "hard",
-        9.0,
-        "Dark joint and seam in the lane, a barrier, a bridge, pale concrete.",
-        challenge_video,
-    ),
-    SuiteScene(
-        "harder-challenge", "hard", 10.0, "Hairpins both ways in a wood: shade, glare, haze.", harder_challenge_video
-    ),
-)
+    SuiteScene("challenge", "hard", 9.0, "Dark joint and seam in the lane, a bridge, pale concrete.", challenge_video),
+    SuiteScene("harder-challenge", "hard", 10.0, "Hairpins in a wood: shade, glare, haze.", harder_challenge_video),
+)  # fmt: skip
