@@ -1,4 +1,4 @@
-"""Paints all objects of a frame from far to near: vehicles, walls, bridges, trees, signs and posts.
+"""Paints all objects of a frame from far to near: vehicles, walls, bridges, trees and posts.
 
 Objects are in the car's road frame (x forward, y left, z up, metres; the camera is above the origin). The direction of
 the sun points towards the sun, in the same frame.
@@ -15,19 +15,12 @@ from lanes.camera import Camera
 from simulator.backdrop import aerial_perspective
 from simulator.light.sunlight import irradiance
 from simulator.objects.overpass import BridgeSlice, paint_bridge_slice
-from simulator.objects.scene_objects import MAX_OBJECT_M, Car, Post, SceneObject, Sign, Tree, vertical_rectangle
+from simulator.objects.scene_objects import MAX_OBJECT_M, Car, Post, SceneObject, Tree, vertical_rectangle
 from simulator.objects.trees import paint_tree, project_trees
 from simulator.objects.vehicles import paint_vehicle
 from simulator.objects.walls import Wall, paint_wall
 from simulator.painting.brush import Atmosphere, paint_polygons, project_faces
 
-SIGN_COLOURS = {
-    "green": (0.012, 0.16, 0.085),
-    "blue": (0.015, 0.07, 0.26),
-    "speed": (0.74, 0.74, 0.72),
-    "warning": (0.72, 0.40, 0.012),
-}
-POLE = (0.25, 0.24, 0.22)
 # Each segment of a wall is painted behind homogeneous air, so fog needs shorter segments than clear air.
 CLEAR_GROWTH, FOG_GROWTH = 1.3, 1.12
 
@@ -69,38 +62,24 @@ def paint_objects(
         elif isinstance(item, Car):
             paint_vehicle(image, camera, item, sun, air)
         elif not isinstance(item, Tree):
-            _paint_plates(image, camera, item, sun, air)
+            _paint_post(image, camera, item, sun, air)
         elif id(item) in ends_px:
             paint_tree(image, item, ends_px[id(item)], sun, air)
     if near_side is not None:
         image[near_side] = bare[near_side]
 
 
-def _paint_plates(image: np.ndarray, camera: Camera, item: Sign | Post, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint the flat parts of a sign or a post, all across the road, in place."""
-    faces, colours = zip(*(_sign_parts(item) if isinstance(item, Sign) else _post_parts(item)), strict=True)
-    light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] / 0.8
-    pixels = project_faces(camera, np.array(faces) + [item.x_m, item.y_m, item.ground_height_m])
-    paint_polygons(image, pixels, np.array(colours) * light, atmosphere=air)
-
-
-def _sign_parts(sign: Sign) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
-    """One pole or two, and the plate."""
-    half, top = sign.width_m / 2, sign.bottom_m + sign.height_m
-    feet = (-0.6 * half, 0.6 * half) if half > 0.7 else (0.0,)
-    poles = [(vertical_rectangle(0.05, foot, 0.04, 0.04, 0, top), POLE) for foot in feet]
-    return [*poles, (vertical_rectangle(0, 0, half, half, sign.bottom_m, top), SIGN_COLOURS[sign.kind])]
-
-
-def _post_parts(post: Post) -> list[tuple[np.ndarray, tuple[float, float, float]]]:
-    """The pole, and the arm and the head of a street lamp."""
+def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a post, and the arm and the head of a street lamp, over an image, in place."""
     half, top = post.width_m / 2, post.height_m
-    parts = [(vertical_rectangle(0, 0, half, half, 0, top), post.colour)]
+    faces = [vertical_rectangle(0, 0, half, half, 0, top)]
     if post.arm_m:
         low, high = sorted((0.0, post.arm_m))
-        parts.append((vertical_rectangle(0, 0, high, -low, top - 0.06, top + 0.06), post.colour))
-        parts.append((vertical_rectangle(0, post.arm_m, 0.35, 0.35, top - 0.12, top + 0.10), post.colour))
-    return parts
+        faces.append(vertical_rectangle(0, 0, high, -low, top - 0.06, top + 0.06))
+        faces.append(vertical_rectangle(0, post.arm_m, 0.35, 0.35, top - 0.12, top + 0.10))
+    pixels = project_faces(camera, np.array(faces) + [post.x_m, post.y_m, post.ground_height_m])
+    colour = np.array(post.colour) * irradiance(np.array([[-1.0, 0, 0]]), sun) / 0.8
+    paint_polygons(image, pixels, np.repeat(colour, len(faces), axis=0), atmosphere=air)
 
 
 def _sort_by_distance(objects: list[SceneObject], growth: float) -> list[tuple[float, SceneObject]]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from simulator.objects.overpass import BridgeSlice
-from simulator.objects.scene_objects import Car, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
+from simulator.objects.scene_objects import Car, SceneObject, Tree, vertical_rectangle, yaw_rotation
 from simulator.objects.trees import tree_shadows
 from simulator.objects.vehicles import outline_points
 from simulator.objects.walls import Wall
@@ -45,15 +45,9 @@ def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
         return [_hull(place + rings[:, :2] + rings[:, 2:] * offset_per_m)]
     if isinstance(item, Tree):
         return tree_shadows(item, offset_per_m)
-    if isinstance(item, Sign):
-        plate = vertical_rectangle(
-            0, 0, item.width_m / 2, item.width_m / 2, item.bottom_m, item.bottom_m + item.height_m
-        )
-        pole = vertical_rectangle(0, 0, 0.05, 0.05, 0, item.bottom_m)
-    else:
-        half = item.width_m / 2
-        plate, pole = vertical_rectangle(0, 0, half, half, 0, item.height_m), None
-    return [_hull(place + part[:, :2] + part[:, 2:] * offset_per_m) for part in (plate, pole) if part is not None]
+    half = item.width_m / 2
+    pole = vertical_rectangle(0, 0, half, half, 0, item.height_m)
+    return [_hull(place + pole[:, :2] + pole[:, 2:] * offset_per_m)]
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
