@@ -69,7 +69,7 @@ def cast_shadows(
     `ground` is that of the same rows; the vertical profile of the road carries the shadows. `station_m` is the arc
     length of the car, `edge_noise_m` the displacement of the outlines by leaves; 0 keeps them sharp.
     """
-    near = _near(polygons_m)
+    near = [p for p in polygons_m if p[:, 0].max() > MIN_SHADOW_M and p[:, 0].min() < MAX_SHADOW_M]
     if not near:
         return
     points, ends = _densify(near)
@@ -83,11 +83,7 @@ def cast_shadows(
     for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
         cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
     if edge_noise_m:
-        cut = _rows_near_shadows(mask, ground, edge_noise_m)
-        part = ground.crop(cut)
-        perturbed = _perturb_edges(mask, part, part.s + np.float32(station_m), edge_noise_m, first_row=cut.start)
-        mask = np.zeros_like(mask)
-        mask[cut] = perturbed
+        mask = _perturb_edges(mask, ground, ground.s + np.float32(station_m), edge_noise_m)
     shaded = np.flatnonzero(mask.any(axis=1))
     if not len(shaded):
         return
@@ -96,46 +92,13 @@ def cast_shadows(
     sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
-    """Polygons that overlap the range MIN_SHADOW_M to MAX_SHADOW_M ahead."""
-    if not polygons:
-        return []
-    ahead = np.concatenate([p[:, 0] for p in polygons])
-    starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
-    near = np.maximum.reduceat(ahead, starts) > MIN_SHADOW_M
-    near &= np.minimum.reduceat(ahead, starts) < MAX_SHADOW_M
-    return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
-
-
-def _rows_near_shadows(mask: np.ndarray, ground: Ground, max_shift_m: float) -> slice:
-    """Rows that `_perturb_edges` may change. They are few, because most shadows are far away."""
-    shaded = np.flatnonzero(mask.any(axis=1))
-    if not len(shaded):
-        return slice(0, 0)
-    rows = np.arange(len(mask))
-    most = max_shift_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
-    reach_px = most / np.maximum(ground.footprint_s.min(axis=1), 1e-2) + 2
-    near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
-    return slice(int(near[0]), int(near[-1]) + 1)
-
-
-def _perturb_edges(
-    mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float, *, first_row: int
-) -> np.ndarray:
-    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves.
-
-    `ground` and `s` hold the rows from `first_row` on for which the result is computed.
-    """
-    rows, columns = s.shape
-    if not rows:
-        return np.zeros_like(mask[:0])
+def _perturb_edges(mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float) -> np.ndarray:
+    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves."""
     tile = band_noise_tile(LEAF_SEED, octaves=3)
-    shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
-    shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
-    u = np.arange(columns, dtype=np.float32) + np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
-    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(
-        max_shift_m
-    ) * shift_s / np.maximum(ground.footprint_s, 1e-2)
+    shift_d, shift_s = (sample_noise(tile, s, ground.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+    v, u = np.indices(s.shape, np.float32)
+    u += np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v += np.float32(max_shift_m) * shift_s / np.maximum(ground.footprint_s, 1e-2)
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 

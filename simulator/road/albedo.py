@@ -24,7 +24,7 @@ DUST_SHARE = 0.22
 
 
 @dataclass(frozen=True)
-class NoiseLayers:
+class _NoiseLayers:
     """Noise shared by all materials (rows, width): about unit strength near the car, attenuated by the footprint."""
 
     grain: np.ndarray
@@ -34,9 +34,9 @@ class NoiseLayers:
     track: np.ndarray
     oil: np.ndarray
 
-    def crop(self, cut: slice, columns: slice = slice(None)) -> NoiseLayers:
+    def crop(self, cut: slice, columns: slice = slice(None)) -> _NoiseLayers:
         """Part of the rows and columns."""
-        return NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
+        return _NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
 def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
@@ -47,17 +47,15 @@ def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: i
     s = ground.s + np.float32(station_m)
     layers = _noise_layers(surface, ground, s, seed)
     albedo = _pavement(surface, ground, s, layers)
-    half_footprint_s = ground.footprint_s / 2
-    reached_rows = (s - half_footprint_s).min(axis=1), (s + half_footprint_s).max(axis=1)
     for patch in surface.patches:
-        _paint_patch(albedo, patch, ground, s, layers, reached_rows)
+        _paint_patch(albedo, patch, ground, s, layers)
     for number, seam in enumerate(surface.seams):
         _paint_seam(albedo, seam, ground, s, seed + 50 + number)
     _paint_verge(albedo, surface, ground, s, layers.blotch, seed=seed + 11)
     return albedo
 
 
-def _noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
+def _noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> _NoiseLayers:
     """Noise layers, including the wear across the lanes."""
     footprint = ground.footprint_s
     grain = np.zeros_like(s)
@@ -81,7 +79,7 @@ def _noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) ->
     # Oil and rubber lie in the wheel tracks, so dark areas have more spots.
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
     stain *= fade(footprint, 6.0)
-    return NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
+    return _NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -98,7 +96,7 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     return track, oil
 
 
-def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
+def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> np.ndarray:
     """Reflectance of the zones, each computed only in the rows that show it."""
     zones = sorted(surface.zones, key=lambda zone: zone.start_m)
     started = [z for z in zones if z.start_m < s.min() - 10]
@@ -118,7 +116,7 @@ def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLaye
     return albedo
 
 
-def _material(material: Material, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
+def _material(material: Material, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> np.ndarray:
     tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
     tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
     tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
@@ -137,28 +135,15 @@ def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     below += above
 
 
-def _paint_patch(
-    albedo: np.ndarray,
-    patch: Patch,
-    ground: Ground,
-    s: np.ndarray,
-    layers: NoiseLayers,
-    reached_rows: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Paint a patch in place; `reached_rows` are the smallest and largest s (rows,) of each row."""
-    low, high = patch.start_m - EDGE_NOISE_M, patch.end_m + EDGE_NOISE_M
-    seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
-    if not len(seen):
+def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> None:
+    # Only the rows and columns that show the patch, because a parking stall fills 2 % of the image.
+    margin_s, margin_d = (half / 2 + np.float32(EDGE_NOISE_M) for half in (ground.footprint_s, ground.footprint_d))
+    near: np.ndarray = cv2.inRange(s, np.float32(patch.start_m) - margin_s, np.float32(patch.end_m) + margin_s)
+    near &= cv2.inRange(ground.d, np.float32(patch.low_m) - margin_d, np.float32(patch.high_m) + margin_d)
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
         return
-    rows = slice(seen[0], seen[-1] + 1)
-    # The columns too, because a parking stall fills 2 % of the rows around it.
-    footprint_s, footprint_d = ground.footprint_s[rows] / 2, ground.half_footprint_d[rows] + np.float32(EDGE_NOISE_M)
-    near: np.ndarray = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
-    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - footprint_d, np.float32(patch.high_m) + footprint_d)
-    seen = np.flatnonzero(near.any(axis=0))
-    if not len(seen):
-        return
-    cut = rows, slice(seen[0], seen[-1] + 1)
+    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     part, s, part_layers = ground.crop(*cut), s[cut], layers.crop(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
     ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None, None]

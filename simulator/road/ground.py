@@ -22,8 +22,6 @@ TANGENTS = np.linspace(-1.0, 1.0, 81)
 DISTANCES_M = np.geomspace(MIN_GROUND_M, MAX_GROUND_M, 420)
 # Slopes of rays (rise per metre ahead) in the table; the step is half a pixel of a dashcam.
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
-# Safety margin for the differences of slope within a row between the sampled columns.
-SKY_MARGIN = 0.02
 # After steps shorter than this share of the distance, road coordinates are extrapolated and not looked up again.
 SHORT_STEP = 1e-4
 
@@ -53,10 +51,8 @@ class Ground:
 
         `lateral_m` (rows, width) replaces d for strips that are not parallel to the road.
         """
-        if lateral_m is None:
-            right, left = self.footprint_edges_d
-        else:
-            right, left = lateral_m - self.half_footprint_d, lateral_m + self.half_footprint_d
+        middle, half = self.d if lateral_m is None else lateral_m, self.footprint_d / 2
+        right, left = middle - half, middle + half
         # OpenCV's stubs miss scalars
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)  # type: ignore[call-overload]
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)  # type: ignore[call-overload]
@@ -73,16 +69,6 @@ class Ground:
     def footprint_s(self) -> np.ndarray:
         """Length of the footprint along the road, metres."""
         return np.abs(self.s_u) + np.abs(self.s_v)
-
-    @cached_property
-    def half_footprint_d(self) -> np.ndarray:
-        """Half of `footprint_d`; cached, because every strip needs it."""
-        return self.footprint_d / 2
-
-    @cached_property
-    def footprint_edges_d(self) -> tuple[np.ndarray, np.ndarray]:
-        """Right and left ends of the footprint across the road, metres."""
-        return self.d - self.half_footprint_d, self.d + self.half_footprint_d
 
     @cached_property
     def footprint_d(self) -> np.ndarray:
@@ -152,8 +138,6 @@ def cast_on_relief(
     the camera above the road below it. Returns the fields of `Ground` top, visible, x, y, s and d.
     """
     inverse = _inverse_distance_table(height_m, road)
-    sky = _count_sky_rows(rays, inverse)
-    rays = rays[sky:]
     forward = np.maximum(rays[..., 0], np.float32(0.05))
     tangent, slope = rays[..., 1] / forward, rays[..., 2] / forward
     column = (tangent - np.float32(TANGENTS[0])) / np.float32(TANGENTS[1] - TANGENTS[0])
@@ -165,15 +149,7 @@ def cast_on_relief(
     x = 1 / np.maximum(seen[top:], np.float32(1 / MAX_GROUND_M))
     places = _refine(x.ravel(), tangent.ravel(), slope.ravel(), height_m, road)
     x, s, d = (place.reshape(tangent.shape) for place in places)
-    return sky + top, visible, x, x * tangent, s, d
-
-
-def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
-    """Number of rows at the top of the image whose rays are all too steep to meet ground."""
-    steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
-    few = rays[:, ::32]
-    rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))
-    return int(np.argmin(rising.all(axis=1)))
+    return top, visible, x, x * tangent, s, d
 
 
 def _inverse_distance_table(height_m: float, road: RoadAhead) -> np.ndarray:

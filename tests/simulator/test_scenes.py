@@ -1,14 +1,9 @@
 """The benchmark suite: names, cached videos, validity of every scene; and its variants."""
 
-from dataclasses import replace
-
-import cv2
 import numpy as np
 import pytest
 
 from benchmark.scored_drive import PROJECT_ROOT
-from simulator.objects.bonnet import bonnet_outline
-from simulator.rendering.render import render_frame
 from simulator.scenes import suite
 from simulator.scenes.suite import SUITE, cache_folder, render_scene, scene_path
 from simulator.scenes.variants import VARIANT, vary_drive
@@ -63,17 +58,6 @@ def test_lane_lines_are_at_the_centres_of_stripes(scene):
     for line in (left, right) if drive.line_laterals_m else ():
         assert min(abs(line - middle) for middle in middles) < 0.02
         assert not any(right + 0.02 < middle < left - 0.02 and abs(middle - line) < 0.3 for middle in middles)
-
-
-@pytest.mark.parametrize("name", ["fog", "wet-night"])
-def test_bonnet_changes_only_the_pixels_that_it_hides_in_any_weather(name):
-    """Fog and water are applied to the whole ground, or to the rows above the bonnet."""
-    drive = SUITE[name].drive()
-    with_bonnet, without = (render_frame(replace(drive, bonnet=bonnet), 1.0) for bonnet in (True, False))
-    edge = int(bonnet_outline(drive.camera.size).min()) - 20
-    assert with_bonnet.hidden[-1].all() and not without.hidden[-1].all()
-    apart = cv2.absdiff(with_bonnet.image[:edge], without.image[:edge])
-    assert apart.max() <= 1
 
 
 def test_a_variant_is_the_same_each_time_and_differs_from_the_others_and_variant_zero_is_the_drive_itself():
