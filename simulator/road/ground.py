@@ -201,21 +201,11 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
     a = np.maximum(np.abs(step_u), np.float32(1e-6))
     b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
     a = np.maximum(a, np.float32(1e-3) * b)
-    outer, inner = a + b, a - b
-    outer /= 2
-    inner /= 2
+    outer, inner = (a + b) / 2, (a - b) / 2
     # Clipping first keeps the differences of small numbers exact in float32.
     t = np.clip(t, -outer, outer)
-    area = t + outer
-    area *= area
-    for beyond in (t + inner, t - inner):
-        beyond = np.maximum(beyond, 0)
-        beyond *= beyond
-        area -= beyond
-    a *= 2
-    a *= b
-    area /= a
-    return area
+    area = (t + outer) ** 2 - np.maximum(t + inner, 0) ** 2 - np.maximum(t - inner, 0) ** 2
+    return area / (a * 2 * b)
 
 
 def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:
