@@ -149,7 +149,7 @@ def _car(body: str, paint: str) -> Faces:
     rear, front, waist = rings[WAIST, 1], rings[WAIST - 1, 2], rings[WAIST, 0]
     parts = [Faces.of(cells, albedo.reshape(-1, 3)), _plate(rear - 0.07, (0.2, -0.2), (0.62, 0.75), PLATE)]
     for side in (-1, 1):
-        inner, outer = (0.52, 0.84) if side > 0 else (-0.84, -0.52)
+        inner, outer = (0.42, 0.72) if side > 0 else (-0.72, -0.42)
         parts.append(_plate(rear - 0.05, (outer, inner), (waist - 0.12, waist + 0.04), TAIL_LAMP))
         parts.append(_plate(front + 0.05, (inner, outer), (0.48, 0.62), HEADLAMP))
         flank = side * (rings[2, 3] + 0.01)
