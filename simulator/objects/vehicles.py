@@ -184,23 +184,20 @@ def _truck(paint: str) -> Faces:
 
 
 def _motorcycle(paint: str) -> Faces:
-    """Motorcycle and its rider, of boxes with cut corners."""
-    colour = PAINTS[paint]
-    shapes = (
-        ((-0.72, 0, 0.32), (0.32, 0.085, 0.32), RUBBER),
-        ((0.74, 0, 0.31), (0.31, 0.065, 0.31), RUBBER),
-        ((0.02, 0, 0.46), (0.34, 0.17, 0.22), PLASTIC),
-        ((0.30, 0, 0.90), (0.50, 0.20, 0.20), colour),
-        ((-0.60, 0, 0.78), (0.42, 0.13, 0.10), colour),
-        ((0.02, 0.24, 0.66), (0.20, 0.10, 0.36), CLOTH),
-        ((0.02, -0.24, 0.66), (0.20, 0.10, 0.36), CLOTH),
-        ((-0.02, 0, 1.24), (0.20, 0.25, 0.36), CLOTH),
-        ((0.25, 0.32, 1.22), (0.24, 0.09, 0.14), CLOTH),
-        ((0.25, -0.32, 1.22), (0.24, 0.09, 0.14), CLOTH),
-        ((0.13, 0, 1.64), (0.155, 0.135, 0.155), (0.45, 0.06, 0.03)),
+    """Motorcycle and its rider."""
+    parts = [_box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER) for x in (-0.69, 0.64)]
+    parts += [_box((-0.02, 0.44), sorted((side * 0.23, side * 0.41)), (1.1, 1.36), CLOTH) for side in (-1, 1)]
+    return Faces.join(
+        [
+            *parts,
+            _box((-0.4, 0.4), (-0.17, 0.17), (0.25, 0.7), PLASTIC),
+            _box((-0.95, 0.8), (-0.18, 0.18), (0.7, 1.0), PAINTS[paint]),
+            _box((-0.25, 0.25), (-0.34, 0.34), (0.3, 0.95), CLOTH),
+            _box((-0.2, 0.2), (-0.25, 0.25), (0.9, 1.55), CLOTH),
+            _box((-0.02, 0.28), (-0.13, 0.13), (1.5, 1.79), PAINTS["red"]),
+            _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1),
+        ]
     )
-    lamp = _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1)
-    return Faces.join([*(_ellipsoid(*shape) for shape in shapes), lamp])
 
 
 def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tuple, layer: int = 0) -> Faces:
@@ -208,13 +205,6 @@ def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tup
     ranges = np.array([x, y, z], float)
     corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
     return Faces.of(corners[BOX_FACES], albedo, layer)
-
-
-def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple) -> Faces:
-    around, up = np.linspace(0, 2 * np.pi, 11)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 7)[:, None]
-    unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
-    grid = np.array(middle) + unit * radii
-    return Faces.of(np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2), albedo)
 
 
 def paint_vehicle(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
