@@ -49,6 +49,6 @@ def _bonnet_layer(size: tuple[int, int]) -> tuple[np.ndarray, int]:
     # The edge is out of focus: a ramp of about three rows. It reflects the sky at a grazing angle.
     cover = smoothstep(-1.6, 1.6, inward)
     tone = cover * (1 - 0.3 * smoothstep(0, 40, inward))
-    layer = cv2.merge([*(tone * channel for channel in PAINT), cover]).astype(np.float32)
+    layer: np.ndarray = cv2.merge([*(tone * channel for channel in PAINT), cover]).astype(np.float32)
     layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
     return layer, top

@@ -91,11 +91,11 @@ def project_trees(camera: Camera, trees: list[Tree]) -> list[tuple[Tree, np.ndar
     foot = np.array([[t.x_m, t.y_m, t.base_m + t.ground_height_m] for t in trees])
     # Points a little above the foot: the top can be outside the view of a lens that sees the trunk.
     ends = foot[:, None] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
-    seen = inside_planes(ends, frustum_planes(camera)).all(axis=1)
+    seen = np.flatnonzero(np.all(inside_planes(ends, frustum_planes(camera)), axis=1))
     pixels = camera.road_to_pixels(ends[seen].reshape(-1, 3)).reshape(-1, 2, 2)
     rise, height = pixels[:, 1] - pixels[:, 0], np.array([t.height_m for t in trees])[seen, None]
     lines = np.stack([pixels[:, 0] - 0.9 * rise, pixels[:, 0] + (height - 0.9) * rise], axis=1)
-    return list(zip((t for t, inside in zip(trees, seen, strict=True) if inside), lines, strict=True))
+    return [(trees[i], line) for i, line in zip(seen, lines, strict=True)]
 
 
 def paint_tree(image: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:

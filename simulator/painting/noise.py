@@ -92,8 +92,8 @@ def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: fl
     if s.ndim == 2:
         return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
     # OpenCV refuses maps longer than 32767, so a list is reshaped to rows.
-    rows = [np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v)]
-    return cv2.remap(tile, *rows, cv2.INTER_LINEAR).ravel()[: len(s)] if len(s) else s
+    u, v = (np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
+    return cv2.remap(tile, u, v, cv2.INTER_LINEAR).ravel()[: len(s)] if len(s) else s
 
 
 def fade(footprint: np.ndarray, wave_m: float) -> np.ndarray:

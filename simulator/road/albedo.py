@@ -197,10 +197,10 @@ def _paint_verge(
     to_grass = edge_coverage(beyond - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
     verge = GRAVEL[:, None] * (1 + 0.16 * rough + 0.15 * fine)
     verge += to_grass * (grass - verge)
-    verge *= np.float32(surface.verge_tint)[:, None]
+    verge *= np.array(surface.verge_tint, np.float32)[:, None]
     if surface.opposite_m is not None:
         # Plain asphalt, because barriers hide most of it.
-        asphalt = np.float32(MATERIALS["asphalt"].colour)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
+        asphalt = np.array(MATERIALS["asphalt"].colour, np.float32)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
         verge += strip_coverage(d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +21,7 @@ from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video
 from simulator.road.truth import truth_row
 from simulator.scenes.stills import still_scenes
-from tests.simulator.small_drive import POSE, TINY, small_drive
+from tests.simulator.small_drive import POSE, SMALL, TINY, small_drive
 from tests.support.command_line import main
 
 
@@ -70,3 +71,13 @@ def test_message_names_an_unwritable_folder(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
     assert main(["simulator", "--out", str(tmp_path / "file")]) == 1
     assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)
+
+
+def test_bridge_shades_only_the_road_below_it():
+    drive = small_drive(0.0, motion=Motion(100.0))
+    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
+    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
+    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
+    assert ratio[under[1], under[0]].max() < 0.6
+    assert ratio[before[1], before[0]].min() > 0.9
+    assert ratio[beyond[1], beyond[0]].min() > 0.9

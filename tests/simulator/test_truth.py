@@ -83,3 +83,9 @@ def test_truth_rows_are_empty_without_a_lane(tmp_path):
     entry = truth_entry(truth, raw_file="a.jpg", camera=SMALL, hidden=np.zeros((360, 640), bool))
     assert "NaN" not in json.dumps(entry)
     assert entry["offset_m"] is None and set(entry["left_y_m"]) == {None}
+
+
+def test_distance_is_the_integral_of_the_speed_knots():
+    motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
+    assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
+    assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
