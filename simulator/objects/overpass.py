@@ -42,37 +42,34 @@ class Overpass:
         """Slices of the bridge in the car's road frame, which can be sorted by distance."""
         if self.end_m < pose.s_m - 2 or self.start_m > pose.s_m + MAX_BRIDGE_M:
             return []
-        low, high, top = self.low_m, self.high_m, self.clearance_m + DECK_M
-        first, last = low - APPROACH_M, high + APPROACH_M
+        low, high, under, top = self.low_m, self.high_m, self.clearance_m, self.clearance_m + DECK_M
         front = [
-            self._sheet((first, low), self.start_m, (0.0, top)),
-            self._sheet((high, last), self.start_m, (0.0, top)),
-            self._sheet((low, high), self.start_m, (self.clearance_m, top)),
+            self._sheet((low - APPROACH_M, low), (self.start_m, self.start_m), (0.0, top)),
+            self._sheet((high, high + APPROACH_M), (self.start_m, self.start_m), (0.0, top)),
+            self._sheet((low, high), (self.start_m, self.start_m), (under, top)),
         ]
-        # Slices overlap, because their anti-aliased edges would show what is behind.
-        edges = np.linspace(self.start_m, self.end_m, max(2, round((self.end_m - self.start_m) / SLICE_M)) + 1)
         parts = [BridgeSlice(np.concatenate(front), np.ones(sum(map(len, front))), front=True)]
-        parts += [self._below(start - 0.5, end) for start, end in zip(edges[:-1], edges[1:], strict=True)]
+        edges = np.linspace(self.start_m, self.end_m, max(2, round((self.end_m - self.start_m) / SLICE_M)) + 1)
+        # Slices overlap, because their anti-aliased edges would show what is behind.
+        parts += [self._below((start - 0.5, end)) for start, end in zip(edges[:-1], edges[1:], strict=True)]
         return [BridgeSlice(_in_car(part.faces_m, road, pose), part.light, part.front) for part in parts]
 
-    def _sheet(self, d: tuple[float, float], s: float, z: tuple[float, float]) -> np.ndarray:
-        """Vertical faces (F, 4, 3) across the road in (s, d, z), 3 m wide, because the lens bends straight lines."""
+    def _sheet(self, d: tuple[float, float], s: tuple[float, float], z: tuple[float, float]) -> np.ndarray:
+        """Faces (F, 4, 3) across the road in (s, d, z), 3 m wide, because the lens bends straight lines."""
         edges = np.linspace(*d, max(2, round((d[1] - d[0]) / 3)) + 1)
-        return self._skewed([[(s, a, z[0]), (s, a, z[1]), (s, b, z[1]), (s, b, z[0])]
+        return self._skewed([[(s[0], a, z[0]), (s[1], a, z[1]), (s[1], b, z[1]), (s[0], b, z[0])]
                              for a, b in zip(edges[:-1], edges[1:], strict=True)])  # fmt: skip
 
-    def _below(self, start: float, end: float) -> BridgeSlice:
+    def _below(self, s: tuple[float, float]) -> BridgeSlice:
         """Underside of the deck and the side walls below it; light as a share of open sky."""
-        low, high, top = self.low_m, self.high_m, self.clearance_m
-        edges = np.linspace(low, high, max(2, round((high - low) / 3)) + 1)
-        deck = [[(start, a, top), (end, a, top), (end, b, top), (start, b, top)]
-                for a, b in zip(edges[:-1], edges[1:], strict=True)]  # fmt: skip
-        sides = [[(start, d, 0.0), (start, d, top), (end, d, top), (end, d, 0.0)] for d in (low, high)]
-        open_sky = 1 - float(blocked_sky(self.shade(), np.float32((start + end) / 2)))
+        top = self.clearance_m
+        deck = self._sheet((self.low_m, self.high_m), s, (top, top))
+        sides = [[(s[0], d, 0.0), (s[0], d, top), (s[1], d, top), (s[1], d, 0.0)] for d in (self.low_m, self.high_m)]
+        open_sky = 1 - float(blocked_sky(self.shade(), np.float32(sum(s) / 2)))
         # A vertical wall sees half of the ground's sky, and the road.
         wall = FROM_ROAD / 2 + 0.5 * max(open_sky, BOUNCED_SHARE) * 0.16
         light = [*np.full(len(deck), FROM_ROAD * (0.4 + 0.5 * open_sky)), wall, wall]
-        return BridgeSlice(self._skewed(deck + sides), np.array(light))
+        return BridgeSlice(np.concatenate([deck, self._skewed(sides)]), np.array(light))
 
     def _skewed(self, faces: list) -> np.ndarray:
         corners = np.array(faces, float)
