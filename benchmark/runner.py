@@ -5,6 +5,7 @@ drives -> PreparedDrive (rendered, camera with pose) -> DriveEstimates (cached i
 
 from __future__ import annotations
 
+import hashlib
 import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -25,7 +26,6 @@ from lanes.detect.markings import Markings
 from lanes.files import hash_sources
 from lanes.video import container, reader
 from lanes.video.reader import inspect_video
-from simulator.disk_cache import cache_folder, short_hash
 from simulator.processes import run_all
 
 Progress = Callable[[int, int], None]
@@ -52,6 +52,8 @@ def run_benchmark(
     """
     for system in systems:
         require_system(system)
+    from simulator.scenes.suite import cache_folder
+
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
     prepare = partial(_render_and_prepare, estimated_pose=estimated_pose, markings=markings)
@@ -100,4 +102,4 @@ def _cache_key(prepared: PreparedDrive, system: str) -> str:
     sources = (Path(inspect.getfile(module)) for module in modules)
     files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
     conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings
-    return short_hash(files, *conditions)
+    return hashlib.sha256(repr((files, *conditions)).encode()).hexdigest()[:8]

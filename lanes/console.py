@@ -71,6 +71,18 @@ def progress_line(name: str) -> Callable[[int, int], None]:
     return report
 
 
+@contextmanager
+def sigint_blocked() -> Iterator[None]:
+    """Delay Ctrl-C; processes that are started meanwhile inherit the blocked signal."""
+    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    resource_tracker.ensure_running()
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def error_status(error: Exception) -> int:
     """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)

@@ -9,7 +9,6 @@ from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
 from itertools import islice
 from threading import Thread
 from typing import Any, TypeVar
@@ -22,7 +21,7 @@ from lanes.images import opencv_threads
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 
-# A process that renders holds half a gigabyte of textures, and one video encoder keeps up with no more than 8 of them.
+# One video encoder keeps up with no more than 8 processes that render.
 MAX_DEFAULT_WORKERS = 8
 
 
@@ -68,13 +67,12 @@ def run_all(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
     *,
-    workers: int = 1,
+    workers: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[Result]:
-    """Return the results of `function` in the order of the jobs, each computed on one OpenCV thread.
+    """Return the results of `map_ordered`, each computed on one OpenCV thread; `progress` is called with (done, all).
 
-    Parameters and exceptions are those of `map_ordered`, but all jobs are submitted at once. `progress` is called with
-    (results, jobs).
+    All jobs are submitted at once.
     """
     results = []
     with opencv_threads(1):
@@ -86,23 +84,16 @@ def run_all(
 
 
 def _map_on_workers(function: Callable, jobs: Iterator, workers: int, ahead: int) -> Generator:
-    with _worker_pool(function, workers) as pool:
+    # Not forked: a forked child inherits the locks of OpenCV's and FFmpeg's thread pools without their threads.
+    spawn = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=_start_worker, initargs=(function,))
+    try:
         with sigint_blocked():
             submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, ahead))
         while submitted:
             result = submitted.popleft().result()
             submitted.extend(pool.submit(_run_job, job) for job in islice(jobs, 1))
             yield result
-
-
-@contextmanager
-def _worker_pool(function: Callable, workers: int) -> Generator[ProcessPoolExecutor]:
-    """Workers for `function`; all have exited at the end of the `with` block."""
-    # Not forked: a forked child inherits the locks of OpenCV's and FFmpeg's thread pools without their threads.
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_start_worker, initargs=(function,))
-    try:
-        yield pool
     except BrokenProcessPool as error:
         raise OSError(
             "a worker process ended before its work was done: memory may be short, or a script calls this outside "
@@ -129,8 +120,7 @@ def _start_worker(function: Callable) -> None:
 
 def _exit_with_parent() -> None:
     """An idle worker would wait for jobs forever if its parent was killed."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
+    if parent := multiprocessing.parent_process():
         parent.join()
         os._exit(1)
 

@@ -1,4 +1,4 @@
-"""Glare of a low sun ahead: veiling light in the windscreen, lens flare, and specular reflection of the road."""
+"""Glare of a low sun ahead: veiling light in the windscreen, and specular reflection of the road."""
 
 from __future__ import annotations
 
@@ -12,17 +12,8 @@ from simulator.painting.noise import fractal_noise, smoothstep
 from simulator.road.ground import Ground
 
 SUN_COLOUR = np.array([1.0, 0.93, 0.80], np.float32)
-# The veil is computed on every 8th pixel, the flare on every 4th.
-VEIL_DOWNSAMPLING, FLARE_DOWNSAMPLING = 8, 4
-# Lens ghosts: position on the line from the sun (-1) through the centre (0), radius as a share of the image's height,
-# strength, colour.
-GHOSTS = (
-    (0.25, 0.035, 0.030, (0.7, 1.0, 0.8)),
-    (0.55, 0.075, 0.016, (1.0, 0.8, 0.6)),
-    (0.80, 0.020, 0.045, (0.8, 0.9, 1.0)),
-    (1.15, 0.120, 0.012, (0.8, 1.0, 0.9)),
-    (-0.45, 0.050, 0.020, (1.0, 0.9, 0.7)),
-)
+# The veil is computed on every 8th pixel, sheen and disc of the sun on every 4th.
+VEIL_DOWNSAMPLING, SHEEN_DOWNSAMPLING = 8, 4
 
 
 @dataclass(frozen=True)
@@ -30,13 +21,12 @@ class Glare:
     """Strengths of the glare; 0 switches a part off, 1 is a dirty windscreen.
 
     `veil` is light scattered by dirt on the windscreen and in the lens, strongest around the sun. `sheen` is the
-    specular reflection of the road below the sun, `flare` are lens ghosts and rays. `dashboard` is the reflection of
-    the sunny dashboard in the windscreen, over the lower half of the image.
+    specular reflection of the road below the sun, `dashboard` that of the sunny dashboard in the windscreen, over the
+    lower half of the image.
     """
 
     veil: float = 1.0
     sheen: float = 0.6
-    flare: float = 1.0
     dashboard: float = 0.0
 
 
@@ -48,7 +38,7 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     `height_m` is that of the camera. Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
     """
     x, y = (
-        cv2.resize(a, None, fx=1 / FLARE_DOWNSAMPLING, fy=1 / FLARE_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
+        cv2.resize(a, None, fx=1 / SHEEN_DOWNSAMPLING, fy=1 / SHEEN_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
         for a in (ground.x, ground.y)
     )
     to_eye: np.ndarray = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
@@ -67,7 +57,7 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
 
 
 def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: Glare, *, sunshine: float) -> None:
-    """Add veil, flare and dashboard reflection to the light (height, width, 3), in place.
+    """Add veil, disc of the sun and dashboard reflection to the light (height, width, 3), in place.
 
     `rays` (height, width, 3) are those of `ground.pixel_rays`, `sun_ray` (3,) points towards the sun, both in camera
     axes; `sunshine` is the share of sunlight on the windscreen, 0 in the shade.
@@ -79,9 +69,9 @@ def add_glare(light: np.ndarray, rays: np.ndarray, sun_ray: np.ndarray, glare: G
     added: np.ndarray = cv2.resize(veil, (width, height))
     if glare.veil:
         added *= _dirt(height, width)
-    if glare.flare and sun_ray[2] > 0.3:
-        flare = glare.flare * _flare(rays[::FLARE_DOWNSAMPLING, ::FLARE_DOWNSAMPLING], sun_ray)
-        added += cv2.resize(flare, (width, height))
+    if sun_ray[2] > 0.3:
+        disc = _sun_disc(rays[::SHEEN_DOWNSAMPLING, ::SHEEN_DOWNSAMPLING], sun_ray)
+        added += cv2.resize(disc, (width, height))
     if glare.dashboard:
         cv2.scaleAdd(_dashboard(height, width), glare.dashboard, added, dst=added)
     cv2.scaleAdd(added, sunshine, light, dst=light)
@@ -95,24 +85,11 @@ def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
     return veil[..., None].astype(np.float32) * SUN_COLOUR
 
 
-def _flare(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
-    """Disc of the sun with rays, and lens ghosts, on the coarse grid of `rays`."""
-    height, width = rays.shape[:2]
-    step_px = 1 / (rays[height // 2, width // 2 + 1, 0] - rays[height // 2, width // 2, 0])
-    middle = np.array([width / 2, height / 2])
-    centre = middle + (sun_ray[:2] / sun_ray[2] - rays[height // 2, width // 2, :2]) * step_px
-    flare = np.zeros((height, width, 3), np.float32)
-    for place, size, strength, colour in GHOSTS:
-        at = middle + (middle - centre) * place
-        ghost, light = np.zeros_like(flare), [strength * c for c in colour]
-        cv2.circle(ghost, np.rint(at * 16).astype(int).tolist(), round(size * height * 16), light, -1, cv2.LINE_AA, 4)
-        flare += ghost
-    v, u = np.mgrid[:height, :width].astype(np.float32)
-    du, dv = u - np.float32(centre[0]), v - np.float32(centre[1])
-    radius = np.hypot(du, dv) / np.float32(step_px)
-    rays_of_iris = np.abs(np.cos(4 * np.arctan2(dv, du) + 0.4)) ** 60 * np.exp(-radius / 0.10)
-    disc = 6.0 * np.exp(-((radius / 0.014) ** 2)) + 0.9 * rays_of_iris
-    return cv2.GaussianBlur(flare, (0, 0), 1.2) + cv2.merge([disc * c for c in SUN_COLOUR])
+def _sun_disc(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
+    """Overexposed disc of the sun (rows, columns, 3)."""
+    off = rays[..., :2] / rays[..., 2:] - (sun_ray[:2] / sun_ray[2]).astype(np.float32)
+    disc = 6.0 * np.exp(-(off * off).sum(axis=-1) / np.float32(0.014**2))
+    return disc[..., None] * SUN_COLOUR
 
 
 @lru_cache(maxsize=2)

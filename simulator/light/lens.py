@@ -23,7 +23,6 @@ TONE_STEPS = 4096
 MAX_LIGHT = 4.0
 # Road luminance at which the automatic exposure is neutral: used asphalt.
 REFERENCE_LUMINANCE = 0.055
-BLOCK_ROWS = 24
 # Toe of the tone curve: light of this value is halved.
 TOE = 0.012
 # Metering area on the road: metres ahead, lateral positions, and sampling step along the road.
@@ -64,12 +63,12 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     height, width = light.shape[:2]
     gain = np.float32(2.0**lens.exposure * (REFERENCE_LUMINANCE / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
-    vignette, noise = gain * _vignette(height, width, lens.vignette), _noise(height, width, seed)
-    image: np.ndarray = np.empty((height, width, 3), np.uint8)
-    # Blocks of rows stay in the processor's cache.
-    for top in range(0, height, BLOCK_ROWS):
-        rows = slice(top, top + BLOCK_ROWS)
-        cv2.LUT(_tone_steps(light[rows], vignette[rows], noise[rows], lens.noise), _tone_curve(), dst=image[rows])
+    light = light * cv2.merge([gain * _vignette(height, width, lens.vignette)] * 3)
+    # The square root of light has photon noise of constant variance.
+    root = np.sqrt(np.clip(light, 0, MAX_LIGHT))
+    root += np.float32(lens.noise / 2) * _noise(height, width, seed)
+    root *= np.float32((TONE_STEPS - 1) / np.sqrt(MAX_LIGHT))
+    image = cv2.LUT(np.clip(root, 0, TONE_STEPS - 1).astype(np.uint16), _tone_curve())
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
     return _blur_chroma(image, lens.chroma_blur_px) if lens.chroma_blur_px else image
@@ -82,16 +81,6 @@ def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
     return cv2.cvtColor(cv2.merge([luma, *(cv2.resize(plane, size) for plane in half)]), cv2.COLOR_YCrCb2RGB)
 
 
-def _tone_steps(light: np.ndarray, gain: np.ndarray, noise: np.ndarray, noise_share: float) -> np.ndarray:
-    """Indices (rows, width, 3) uint16 into the tone curve for light times gain (rows, width), with noise."""
-    light = light * cv2.merge([gain] * 3)
-    # The square root of light has photon noise of constant variance.
-    root = np.sqrt(np.clip(light, 0, MAX_LIGHT, out=light), out=light)
-    root += np.float32(noise_share / 2) * noise
-    root *= np.float32((TONE_STEPS - 1) / np.sqrt(MAX_LIGHT))
-    return np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16)
-
-
 @lru_cache(maxsize=4)
 def _vignette(height: int, width: int, strength: float) -> np.ndarray:
     v, u = np.mgrid[:height, :width].astype(np.float32)
@@ -100,11 +89,8 @@ def _vignette(height: int, width: int, strength: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=2)
-def _noise_tile(height: int, width: int, *, mirrored: bool) -> np.ndarray:
+def _noise_tile(height: int, width: int) -> np.ndarray:
     """Normal noise with the correlation of demosaicing, 64 pixels larger than the image to allow shifts."""
-    if mirrored:
-        # A flipped copy, because numpy is slow with reversed columns.
-        return cv2.flip(_noise_tile(height, width, mirrored=False), 1)
     noise: np.ndarray = np.random.default_rng(0).standard_normal((height + 64, width + 64, 3)).astype(np.float32)
     noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
     return noise / noise.std()
@@ -115,8 +101,7 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     row, column = rng.integers(0, 64, 2)
     down, right = rng.choice([-1, 1]), rng.choice([-1, 1])
-    left = column if right > 0 else 64 - column
-    return _noise_tile(height, width, mirrored=right < 0)[row : row + height, left : left + width][::down]
+    return _noise_tile(height, width)[row : row + height, column : column + width][::down, ::right]
 
 
 @lru_cache(maxsize=1)

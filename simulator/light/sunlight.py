@@ -1,4 +1,4 @@
-"""Irradiance of the ground: shares of sunlight and skylight in the shade of trees, woods, bridges and objects."""
+"""Irradiance of objects, and shares of sunlight and skylight on the ground in the shade of trees, woods and bridges."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ import numpy as np
 from simulator.painting.noise import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, strip_coverage
 
+# Share of the sun in the light on objects; the rest comes from the sky.
+SUN_SHARE = 0.84
 # Share of the sky in the light on open ground, from measurements of shaded asphalt.
 SKY_SHARE = np.array([0.11, 0.15, 0.22], np.float32)
 # Light of an overcast sky on open ground, relative to that of the clear sky without the sun.
@@ -76,6 +78,18 @@ class BridgeShade:
 
 
 Shade = TreeShade | WoodShade | BridgeShade
+
+
+def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
+    """Irradiance (N, 3) of surfaces with `normal` (N, 3): sun, blue sky above, warm light from the road below.
+
+    The sun is in direction `sun` (3,); white paint that lies in the sun is 1.
+    """
+    direct = SUN_SHARE * np.clip(normal @ sun, 0, None) / max(float(sun[2]), 0.45)
+    up = 0.5 + 0.5 * normal[:, 2]
+    sky = (1 - SUN_SHARE) * up[:, None] * np.array([0.80, 0.98, 1.25])
+    road = 0.11 * (1 - up)[:, None] * np.array([1.05, 1.0, 0.92])
+    return direct[:, None] * np.array([1.02, 1.0, 0.95]) + sky + road
 
 
 def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float, seed: int) -> np.ndarray:

@@ -43,7 +43,7 @@ class Car:
 
 @dataclass(frozen=True)
 class Tree:
-    """Tree or bush; `species` is a name in `foliage.SPECIES`."""
+    """Tree or bush; `species` is a name in `trees.SPECIES`."""
 
     x_m: float
     y_m: float
@@ -51,19 +51,6 @@ class Tree:
     species: str = "oak"
     seed: int = 0
     base_m: float = 0.0
-    ground_height_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Sign:
-    """Sign on one or two posts, facing the traffic: kind "green", "speed", "warning" or "blue"."""
-
-    x_m: float
-    y_m: float
-    kind: str = "green"
-    width_m: float = 1.8
-    height_m: float = 1.2
-    bottom_m: float = 2.1
     ground_height_m: float = 0.0
 
 
@@ -80,7 +67,7 @@ class Post:
     ground_height_m: float = 0.0
 
 
-SceneObject = Car | Wall | BridgeSlice | Tree | Sign | Post
+SceneObject = Car | Wall | BridgeSlice | Tree | Post
 
 
 def yaw_rotation(heading_rad: float) -> np.ndarray:
@@ -104,7 +91,7 @@ class PlacedObject:
 
     s_m: float
     lateral_m: float
-    item: Car | Tree | Sign | Post
+    item: Car | Tree | Post
     speed_mps: float = 0.0
     path: tuple[tuple[float, float], ...] = ()
 

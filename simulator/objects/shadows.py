@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.landscape.foliage import SPECIES
 from simulator.objects.overpass import BridgeSlice
-from simulator.objects.scene_objects import Car, SceneObject, Sign, Tree, vertical_rectangle, yaw_rotation
+from simulator.objects.scene_objects import Car, SceneObject, Tree, vertical_rectangle, yaw_rotation
+from simulator.objects.trees import tree_shadows
 from simulator.objects.vehicles import outline_points
 from simulator.objects.walls import Wall
 from simulator.painting.noise import band_noise_tile, sample_noise
@@ -46,49 +44,10 @@ def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
         rings = outline_points(item.body) @ yaw_rotation(item.heading_rad).T
         return [_hull(place + rings[:, :2] + rings[:, 2:] * offset_per_m)]
     if isinstance(item, Tree):
-        return _tree_shadows(item, place, offset_per_m)
-    if isinstance(item, Sign):
-        plate = vertical_rectangle(
-            0, 0, item.width_m / 2, item.width_m / 2, item.bottom_m, item.bottom_m + item.height_m
-        )
-        pole = vertical_rectangle(0, 0, 0.05, 0.05, 0, item.bottom_m)
-    else:
-        half = item.width_m / 2
-        plate, pole = vertical_rectangle(0, 0, half, half, 0, item.height_m), None
-    return [_hull(place + part[:, :2] + part[:, 2:] * offset_per_m) for part in (plate, pole) if part is not None]
-
-
-def _tree_shadows(tree: Tree, place: np.ndarray, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """Irregular polygons of the lumps, with sun flecks between them, and the polygon of the trunk."""
-    kind = SPECIES[tree.species]
-    low = max(kind.crown_bottom, 0.0)
-    share, aside, blot = _lumps(tree.species, tree.seed, tree.height_m)
-    middle = place + aside + (share * tree.height_m + tree.base_m)[:, None] * offset_per_m
-    # A lump is as tall as wide, so its shadow gets longer with a low sun.
-    away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
-    outline = blot + 0.3 * np.linalg.norm(offset_per_m) * (blot @ away)[..., None] * away
-    blots = list((middle[:, None] + outline).astype(np.float32))
-    half = max(0.12, kind.trunk_width * tree.height_m / 2)
-    trunk = vertical_rectangle(0, 0, half, half, 0, tree.height_m * (low + 0.3))
-    return [*blots, _hull(place + trunk[:, :2] + trunk[:, 2:] * offset_per_m)]
-
-
-@lru_cache(maxsize=512)
-def _lumps(species: str, seed: int, height_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Lumps of a tree: heights (N,) as shares, offsets from the trunk (N, 2) and outlines (N, 12, 2) in metres.
-
-    Seeded, so they are the same in all frames.
-    """
-    kind, count = SPECIES[species], 45
-    rng = np.random.default_rng([seed, 7])
-    angle = np.linspace(0, 2 * np.pi, 12, endpoint=False)
-    low = max(kind.crown_bottom, 0.0)
-    share = low + (1 - low) * rng.uniform(0.08, 0.92, count)
-    reach = np.sqrt(rng.uniform(0, 1, count)) * kind.crown_width / 2 * height_m * (1 - kind.taper * share)
-    toward = rng.uniform(0, 2 * np.pi, count)
-    aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
-    size = height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (count, 1)) * rng.uniform(0.3, 1.4, (count, 12))
-    return share, aside, size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
+        return tree_shadows(item, offset_per_m)
+    half = item.width_m / 2
+    pole = vertical_rectangle(0, 0, half, half, 0, item.height_m)
+    return [_hull(place + pole[:, :2] + pole[:, 2:] * offset_per_m)]
 
 
 def _hull(points: np.ndarray) -> np.ndarray:
@@ -110,7 +69,7 @@ def cast_shadows(
     `ground` is that of the same rows; the vertical profile of the road carries the shadows. `station_m` is the arc
     length of the car, `edge_noise_m` the displacement of the outlines by leaves; 0 keeps them sharp.
     """
-    near = _near(polygons_m)
+    near = [p for p in polygons_m if p[:, 0].max() > MIN_SHADOW_M and p[:, 0].min() < MAX_SHADOW_M]
     if not near:
         return
     points, ends = _densify(near)
@@ -124,11 +83,7 @@ def cast_shadows(
     for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
         cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
     if edge_noise_m:
-        cut = _rows_near_shadows(mask, ground, edge_noise_m)
-        part = ground.crop(cut)
-        perturbed = _perturb_edges(mask, part, part.s + np.float32(station_m), edge_noise_m, first_row=cut.start)
-        mask = np.zeros_like(mask)
-        mask[cut] = perturbed
+        mask = _perturb_edges(mask, ground, ground.s + np.float32(station_m), edge_noise_m)
     shaded = np.flatnonzero(mask.any(axis=1))
     if not len(shaded):
         return
@@ -137,46 +92,13 @@ def cast_shadows(
     sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _near(polygons: list[np.ndarray]) -> list[np.ndarray]:
-    """Polygons that overlap the range MIN_SHADOW_M to MAX_SHADOW_M ahead."""
-    if not polygons:
-        return []
-    ahead = np.concatenate([p[:, 0] for p in polygons])
-    starts = np.cumsum([0, *(len(p) for p in polygons[:-1])])
-    near = np.maximum.reduceat(ahead, starts) > MIN_SHADOW_M
-    near &= np.minimum.reduceat(ahead, starts) < MAX_SHADOW_M
-    return [polygon for polygon, chosen in zip(polygons, near.tolist(), strict=True) if chosen]
-
-
-def _rows_near_shadows(mask: np.ndarray, ground: Ground, max_shift_m: float) -> slice:
-    """Rows that `_perturb_edges` may change. They are few, because most shadows are far away."""
-    shaded = np.flatnonzero(mask.any(axis=1))
-    if not len(shaded):
-        return slice(0, 0)
-    rows = np.arange(len(mask))
-    most = max_shift_m * np.abs(band_noise_tile(LEAF_SEED, octaves=3)).max()
-    reach_px = most / np.maximum(ground.footprint_s.min(axis=1), 1e-2) + 2
-    near = np.flatnonzero((rows + reach_px >= shaded[0]) & (rows - reach_px <= shaded[-1]))
-    return slice(int(near[0]), int(near[-1]) + 1)
-
-
-def _perturb_edges(
-    mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float, *, first_row: int
-) -> np.ndarray:
-    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves.
-
-    `ground` and `s` hold the rows from `first_row` on for which the result is computed.
-    """
-    rows, columns = s.shape
-    if not rows:
-        return np.zeros_like(mask[:0])
+def _perturb_edges(mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float) -> np.ndarray:
+    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves."""
     tile = band_noise_tile(LEAF_SEED, octaves=3)
-    shift_d = sample_noise(tile, s, ground.d, wave_s_m=0.20, wave_d_m=0.15)
-    shift_s = sample_noise(tile, s, ground.d + 7, wave_s_m=0.20, wave_d_m=0.15)
-    u = np.arange(columns, dtype=np.float32) + np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
-    v = np.arange(first_row, first_row + rows, dtype=np.float32)[:, None] + np.float32(
-        max_shift_m
-    ) * shift_s / np.maximum(ground.footprint_s, 1e-2)
+    shift_d, shift_s = (sample_noise(tile, s, ground.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+    v, u = np.indices(s.shape, np.float32)
+    u += np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
+    v += np.float32(max_shift_m) * shift_s / np.maximum(ground.footprint_s, 1e-2)
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 

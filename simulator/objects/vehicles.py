@@ -1,61 +1,94 @@
-"""Vehicles: lorries and motorcycles as shaded faces, access to the faces of all vehicles, and their painter."""
+"""Vehicles as flat-shaded faces: cars, lorries and motorcycles, and their painter.
+
+The frame of a vehicle is x forward, y left, z up, with its origin on the ground below its centre.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lanes.camera import Camera
-from simulator.light.shading import Faces, shade_faces
-from simulator.objects.cars import (
-    BEHIND_BODY,
-    BODIES,
-    BODY,
-    ON_BODY,
-    PAINTS,
-    PLASTIC,
-    PLATE,
-    RIM,
-    RUBBER,
-    TAIL_LAMP,
-    Shell,
-    box,
-    car_faces,
-    grid_cells,
-)
+from simulator.light.sunlight import irradiance
 from simulator.objects.scene_objects import Car, yaw_rotation
-from simulator.painting.brush import Atmosphere, outside_picture, paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, face_normals, outside_picture, paint_polygons, project_faces
 
-JACKET, JEANS, HELMET, STEEL = (0.020, 0.021, 0.026), (0.035, 0.045, 0.075), (0.45, 0.06, 0.03), (0.22, 0.22, 0.23)
+PAINTS = {
+    "white": (0.74, 0.74, 0.72),
+    "silver": (0.36, 0.37, 0.385),
+    "grey": (0.12, 0.125, 0.13),
+    "black": (0.010, 0.010, 0.012),
+    "blue": (0.020, 0.045, 0.13),
+    "red": (0.26, 0.014, 0.014),
+    "beige": (0.42, 0.37, 0.28),
+}
+GLASS, RUBBER, PLASTIC, CLOTH = (0.03, 0.035, 0.04), (0.018, 0.018, 0.019), (0.02, 0.02, 0.021), (0.03, 0.04, 0.06)
+TAIL_LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
+
+# Rings of a body: height, rear end, front end, half width (metres), and exponent of the superellipse. The fifth ring is
+# the waist line; the windows are between the seventh and the ninth.
+BODIES = {
+    "sedan": np.array(
+        [
+            [0.19, -2.16, 2.2, 0.78, 5], [0.3, -2.36, 2.36, 0.88, 5], [0.48, -2.42, 2.42, 0.908, 5],
+            [0.66, -2.42, 2.38, 0.912, 5], [0.86, -2.36, 2.26, 0.895, 4.6], [0.985, -2.22, 2.02, 0.84, 4.4],
+            [1.02, -1.8, 1.02, 0.775, 4.2], [1.14, -1.52, 0.72, 0.735, 4], [1.33, -1.02, 0.2, 0.64, 3.6],
+            [1.41, -0.8, -0.05, 0.575, 3.2], [1.45, -0.62, -0.22, 0.44, 3], [1.46, -0.45, -0.38, 0.12, 2.5],
+        ]
+    ),
+    "suv": np.array(
+        [
+            [0.24, -2.14, 2.16, 0.8, 5.5], [0.36, -2.3, 2.32, 0.9, 5.5], [0.56, -2.36, 2.38, 0.93, 5.5],
+            [0.8, -2.36, 2.36, 0.935, 5.5], [1, -2.31, 2.26, 0.92, 5], [1.07, -2.27, 2.02, 0.89, 5],
+            [1.1, -2.24, 1.12, 0.86, 5], [1.22, -2.18, 0.9, 0.83, 5], [1.52, -1.98, 0.42, 0.74, 4.6],
+            [1.64, -1.86, 0.2, 0.69, 4.2], [1.69, -1.7, -0.05, 0.56, 3.5], [1.7, -1.2, -0.5, 0.15, 2.5],
+        ]
+    ),
+}  # fmt: skip
+WAIST, WINDOWS = 4, slice(6, 8)
+AXLES_M = (-1.40, 1.38)
 # Rear end, front end and half width on the ground, metres.
 FOOTPRINTS = {"truck": (-6.0, 6.0, 1.2), "motorcycle": (-1.0, 0.95, 0.14)}
 CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
+BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
+BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-def vehicle_faces(body: str, paint: str, *, detail: int = 2) -> Faces:
-    """Faces of a vehicle in its own frame (x forward, y left, z up, origin on the ground below its centre).
+@dataclass(frozen=True, eq=False)
+class Faces:
+    """Faces (F, 4, 3) in metres, their albedo (F, 3), and the order (F,) of painting of what is on the body."""
 
-    `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in `cars.PAINTS`; `detail` is 1 for a far car, 2
-    or more for a near one.
-    """
-    if body in BODIES:
-        return car_faces(body, paint, detail=detail)
-    return {"truck": _truck, "motorcycle": _motorcycle}[body](paint)
+    corners_m: np.ndarray
+    albedo: np.ndarray
+    layer: np.ndarray
+
+    @classmethod
+    def of(cls, corners_m: ArrayLike, albedo: ArrayLike, layer: int = 0) -> Faces:
+        """Faces of one or of several materials from their corners (..., 4, 3)."""
+        corners = np.reshape(corners_m, (-1, 4, 3))
+        return cls(corners, np.broadcast_to(albedo, (len(corners), 3)), np.full(len(corners), layer))
+
+    @classmethod
+    def join(cls, parts: Sequence[Faces]) -> Faces:
+        """All faces of several parts."""
+        return cls(*(np.concatenate([vars(part)[name] for part in parts]) for name in cls.__dataclass_fields__))
+
+
+@lru_cache(maxsize=64)
+def vehicle_faces(body: str, paint: str) -> Faces:
+    """Faces of a vehicle: `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in PAINTS."""
+    return {"truck": _truck, "motorcycle": _motorcycle}.get(body, lambda paint: _car(body, paint))(paint)
 
 
 @lru_cache(maxsize=8)
 def outline_points(body: str) -> np.ndarray:
     """Points (N, 3) on a vehicle in its own frame, whose projected hull is its outline."""
-    if body in BODIES:
-        return Shell(body).loft(8, 1).reshape(-1, 3)
-    return vehicle_faces(body, "black").corners.reshape(-1, 3)
-
-
-def facet_width_m(body: str) -> float:
-    """Width in metres of the facets of curved parts, over which shading is blurred."""
-    return 0.012 if body == "motorcycle" else 0.05
+    faces = _loft(BODIES[body], 8) if body in BODIES else vehicle_faces(body, "black").corners_m
+    return faces.reshape(-1, 3)
 
 
 def footprint(body: str) -> np.ndarray:
@@ -64,103 +97,116 @@ def footprint(body: str) -> np.ndarray:
     return np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
 
 
-@lru_cache(maxsize=16)
+def _loft(rings: np.ndarray, around: int) -> np.ndarray:
+    """Faces (rings - 1, around, 4, 3) of a car body."""
+    z, rear, front, width, power = rings.T[:, :, None]
+    angle = _even_angles(around)
+    c, s = np.cos(angle), np.sin(angle)
+    x = (rear + front) / 2 + (front - rear) / 2 * np.sign(c) * np.abs(c) ** (2 / power)
+    y = width * np.sign(s) * np.abs(s) ** (2 / power)
+    # The bonnet slopes down.
+    forward = np.clip((x - 0.9) / 1.5, 0, 1)
+    grid = np.stack([x, y, z - 0.20 * forward**1.5 * np.clip((z - 0.45) / 0.5, 0, 1)], axis=-1)
+    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2)
+
+
+def _even_angles(count: int) -> np.ndarray:
+    """Angles of points on a car-shaped superellipse, denser where it turns sharply."""
+    angle = np.linspace(0, 2 * np.pi, 4001)
+    c, s = np.cos(angle), np.sin(angle)
+    x, y = 2.3 * np.sign(c) * np.abs(c) ** 0.45, 0.9 * np.sign(s) * np.abs(s) ** 0.45
+    dx, dy = np.diff(x), np.diff(y)
+    turn = np.abs(np.diff(np.unwrap(np.arctan2(dy, dx)), prepend=np.pi / 2))
+    # More points at rear and front than on the flanks, because drivers mostly see the rear and the front.
+    length = np.hypot(dx, 2.5 * dy)
+    spent = np.concatenate([[0], np.cumsum(length / length.sum() + 1.2 * turn / turn.sum())])
+    return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
+
+
+def _car(body: str, paint: str) -> Faces:
+    """Body with windows all around, lamps, licence plate and wheels."""
+    rings = BODIES[body]
+    cells = _loft(rings, 28)
+    albedo = np.tile(np.array(PAINTS[paint]), (*cells.shape[:2], 1))
+    albedo[WINDOWS] = GLASS
+    albedo[0] = PLASTIC
+    rear, front, waist = rings[WAIST, 1], rings[WAIST - 1, 2], rings[WAIST, 0]
+    parts = [Faces.of(cells, albedo.reshape(-1, 3)), _plate(rear - 0.07, (0.2, -0.2), (0.62, 0.75), PLATE)]
+    for side in (-1, 1):
+        inner, outer = (0.42, 0.72) if side > 0 else (-0.72, -0.42)
+        parts.append(_plate(rear - 0.05, (outer, inner), (waist - 0.12, waist + 0.04), TAIL_LAMP))
+        parts.append(_plate(front + 0.05, (inner, outer), (0.48, 0.62), HEADLAMP))
+        flank = side * (rings[2, 3] + 0.01)
+        for x in AXLES_M:
+            parts.append(_box((x - 0.3, x + 0.3), sorted((0.8 * flank, flank)), (0.0, 0.6), RUBBER, -1))
+            wheel = [(x + side * u, flank, z) for u, z in ((0.3, 0.1), (-0.3, 0.1), (-0.3, 0.5), (0.3, 0.5))]
+            parts.append(Faces.of(wheel, RUBBER, 1))
+    return Faces.join(parts)
+
+
+def _plate(x: float, y: tuple[float, float], z: tuple[float, float], albedo: tuple) -> Faces:
+    """Vertical face on the body, from lateral y[0] to y[1]: it faces the front if these rise, else the rear."""
+    return Faces.of([(x, y[0], z[0]), (x, y[1], z[0]), (x, y[1], z[1]), (x, y[0], z[1])], albedo, 1)
+
+
 def _truck(paint: str) -> Faces:
-    """Faces of a lorry with a box body, 2.5 m wide, 4 m high, 12 m long, the limits of the EU."""
-    colour, white = PAINTS[paint], PAINTS["white"]
+    """Lorry with a box body, 2.5 m wide, 4 m high, 12 m long, the limits of the EU."""
     parts = [
-        box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), white, 0.6, cells=4),
-        box((3.7, 6.0), (-1.22, 1.22), (0.55, 3.2), colour, 1.0, cells=3),
-        box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC, 0.2, layer=BEHIND_BODY, cells=4),
-        box((-5.95, -5.80), (-1.15, 1.15), (0.42, 0.56), STEEL, 0.4),
-        box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 0.3, layer=ON_BODY),
-        # Frame of the doors, gap between them, and locking bars.
-        box((-6.02, -6.0), (-1.25, 1.25), (3.86, 3.95), STEEL, 0.5, layer=ON_BODY),
-        box((-6.02, -6.0), (-0.012, 0.012), (1.12, 3.86), PLASTIC, 0.2, layer=ON_BODY),
+        _box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), PAINTS["white"]),
+        _box((3.7, 6.0), (-1.22, 1.22), (0.55, 3.2), PAINTS[paint]),
+        _box((-5.7, 5.6), (-0.45, 0.45), (0.55, 1.05), PLASTIC),
+        _box((-6.03, -6.0), (-1.15, 1.15), (0.86, 1.06), PLASTIC, 1),
+        _box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 2),
+        # The gap between the doors.
+        _box((-6.02, -6.0), (-0.02, 0.02), (1.12, 3.86), PLASTIC, 1),
     ]
-    for y in (-0.75, -0.30, 0.30, 0.75):
-        parts.append(box((-6.04, -6.0), (y - 0.018, y + 0.018), (1.15, 3.84), STEEL, 0.6, layer=ON_BODY))
     for side in (-1, 1):
         outer = sorted((side * 0.72, side * 1.22))
-        parts.append(
-            box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 1.3, layer=ON_BODY + 1)
-        )
-        parts.append(box((-5.72, -5.68), sorted((side * 0.70, side * 1.22)), (0.20, 0.95), PLASTIC, 0.1))
-        for x in (-4.9, -3.7, 4.9):
-            parts.append(_ellipsoid((x, side * 0.98, 0.5), (0.52, 0.20, 0.50), RUBBER, 0.2))
-            parts.append(box((x - 0.35, x + 0.35), outer, (0.02, 0.7), RUBBER, 0.2))
-    parts.append(box((-6.06, -6.03), (-0.26, 0.26), (0.90, 1.02), PLATE, 0.0, layer=ON_BODY + 1))
-    return Faces.concatenate(parts)
+        parts.append(_box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 2))
+        parts += [_box((x - 0.5, x + 0.5), outer, (0.0, 1.0), RUBBER) for x in (-4.9, -3.7, 4.9)]
+    return Faces.join(parts)
 
 
-@lru_cache(maxsize=16)
 def _motorcycle(paint: str) -> Faces:
-    """Faces of a motorcycle and its rider."""
-    colour = PAINTS[paint]
-    parts = [
-        _ellipsoid((-0.72, 0, 0.32), (0.32, 0.085, 0.32), RUBBER, 0.2),
-        _ellipsoid((0.74, 0, 0.31), (0.31, 0.065, 0.31), RUBBER, 0.2),
-        _ellipsoid((0.02, 0, 0.46), (0.34, 0.17, 0.22), STEEL, 0.6),
-        _ellipsoid((0.28, 0, 0.86), (0.32, 0.17, 0.16), colour, 1.0),
-        _ellipsoid((0.62, 0, 0.98), (0.18, 0.22, 0.24), colour, 1.0),
-        _ellipsoid((-0.60, 0, 0.78), (0.42, 0.13, 0.10), colour, 1.0),
-        _ellipsoid((-0.16, 0, 0.90), (0.24, 0.20, 0.16), JEANS, 0.2),
-        _ellipsoid((-0.06, 0, 1.22), (0.17, 0.235, 0.33), JACKET, 0.5),
-        _ellipsoid((0.04, 0, 1.44), (0.14, 0.25, 0.13), JACKET, 0.5),
-        _ellipsoid((0.13, 0, 1.64), (0.155, 0.135, 0.155), HELMET, 1.0),
-        box((-1.04, -1.02), (-0.10, 0.10), (0.48, 0.62), PLATE, 0.0, layer=ON_BODY),
-        box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1.3, layer=ON_BODY),
-    ]
-    for side in (-1, 1):
-        parts += [
-            _ellipsoid((0.06, side * 0.23, 0.82), (0.30, 0.095, 0.11), JEANS, 0.2),
-            _ellipsoid((-0.02, side * 0.25, 0.52), (0.10, 0.075, 0.27), JEANS, 0.2),
-            _ellipsoid((0.00, side * 0.26, 0.30), (0.16, 0.060, 0.07), RUBBER, 0.3),
-            _ellipsoid((0.10, side * 0.27, 1.32), (0.13, 0.085, 0.17), JACKET, 0.5),
-            _ellipsoid((0.28, side * 0.32, 1.15), (0.20, 0.070, 0.09), JACKET, 0.5),
-            _ellipsoid((0.46, side * 0.36, 1.08), (0.08, 0.050, 0.05), RUBBER, 0.3),
-            _ellipsoid((0.50, side * 0.40, 1.28), (0.02, 0.055, 0.035), PLASTIC, 0.8),
-            _ellipsoid((-0.55, side * 0.20, 0.36), (0.36, 0.06, 0.06), RIM, 1.0),
+    """Motorcycle and its rider."""
+    parts = [_box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER) for x in (-0.69, 0.64)]
+    parts += [_box((-0.02, 0.44), sorted((side * 0.23, side * 0.41)), (1.1, 1.36), CLOTH) for side in (-1, 1)]
+    return Faces.join(
+        [
+            *parts,
+            _box((-0.4, 0.4), (-0.17, 0.17), (0.25, 0.7), PLASTIC),
+            _box((-0.95, 0.8), (-0.18, 0.18), (0.7, 1.0), PAINTS[paint]),
+            _box((-0.25, 0.25), (-0.34, 0.34), (0.3, 0.95), CLOTH),
+            _box((-0.2, 0.2), (-0.25, 0.25), (0.9, 1.55), CLOTH),
+            _box((-0.02, 0.28), (-0.13, 0.13), (1.5, 1.79), PAINTS["red"]),
+            _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1),
         ]
-    return Faces.concatenate(parts)
+    )
 
 
-def _ellipsoid(middle: tuple, radii: tuple, albedo: tuple, gloss: float) -> Faces:
-    """Faces of an ellipsoid with smooth normals."""
-    around, up = np.linspace(0, 2 * np.pi, 15)[None, :], np.linspace(-np.pi / 2, np.pi / 2, 9)[:, None]
-    unit = np.stack([np.cos(up) * np.cos(around), np.cos(up) * np.sin(around), np.sin(up) + 0 * around], axis=-1)
-    cells = grid_cells(unit).reshape(-1, 4, 3)
-    faces = Faces.from_corners(np.array(middle) + cells * radii, albedo, gloss, BODY)
-    normal = cells.mean(axis=1) / np.array(radii)
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    return replace(faces, normal=normal)
+def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tuple, layer: int = 0) -> Faces:
+    """Faces of a box between two values of each coordinate."""
+    ranges = np.array([x, y, z], float)
+    corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
+    return Faces.of(corners[BOX_FACES], albedo, layer)
 
 
-def paint_vehicle(picture: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint the visible faces of a vehicle and its contact shadow behind the content of a canvas, in place."""
-    turn = yaw_rotation(car.heading_rad)
-    place = np.array([car.x_m, car.y_m, car.ground_height_m])
+def paint_vehicle(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint the visible faces of a vehicle and its contact shadow over an image, in place."""
+    turn, place = yaw_rotation(car.heading_rad), np.array([car.x_m, car.y_m, car.ground_height_m])
     if outside_picture(outline_points(car.body) @ turn.T + place, camera):
         return
+    faces = vehicle_faces(car.body, car.paint)
     eye = (np.array([0, 0, camera.require_pose().height_m]) - place) @ turn
-    distance = float(np.hypot(car.x_m, car.y_m))
-    faces = vehicle_faces(car.body, car.paint, detail=1 if distance > 40 else 2)
-    toward = np.flatnonzero(faces.flat_normal @ eye > faces.plane_distance)
-    # Parts on the body keep their order (licence plate on bumper); body and wheels are sorted from far to near.
-    layer = faces.layer[toward]
-    away = faces.middle[toward] - eye
-    apart = np.where(layer < ON_BODY, -np.einsum("ij,ij->i", away, away), 0)
-    faces = faces.select(toward[np.lexsort((apart, layer))])
-    colours = shade_faces(faces, eye, sun @ turn)
+    normal, to_eye = face_normals(faces.corners_m), eye - faces.corners_m.mean(axis=1)
+    seen = np.flatnonzero((normal * to_eye).sum(axis=1) > 0)
+    # Parts on the body keep their order; the others are sorted from far to near.
+    seen = seen[np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))]
+    colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
     ground = footprint(car.body)
-    corners = np.concatenate([faces.corners, [ground * 1.03, ground * 0.97]]).reshape(-1, 3) @ turn.T + place
-    pixels = project_faces(camera, corners.reshape(-1, 4, 3))
-    cuts = np.searchsorted(faces.layer, [BODY, ON_BODY])
-    # Facets are about 0.1 m wide: their shading is blurred, the outline stays sharp.
-    blend = facet_width_m(car.body) * camera.matrix[0, 0] / max(distance, 2)
-    parts = (slice(0, cuts[0]), slice(*cuts), slice(cuts[1], len(colours)))
-    for part, blend_px in zip(parts[::-1], (0.0, blend, 0.0), strict=True):
-        paint_polygons(picture, pixels[part], colours[part], atmosphere=air, blend_px=blend_px)
-    blur = float(np.clip(40 / max(distance, 1), 0.5, 4))
+    corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + place
+    pixels = project_faces(camera, corners)
+    blur = float(np.clip(40 / max(np.hypot(car.x_m, car.y_m), 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
-    paint_polygons(picture, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+    paint_polygons(image, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+    paint_polygons(image, pixels[:-2], colours, atmosphere=air)

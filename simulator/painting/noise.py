@@ -53,17 +53,7 @@ def fractal_profile(
     length: int, rng: np.random.Generator, *, cell_px: float, octaves: int = 7, gain: float = 0.5
 ) -> np.ndarray:
     """Periodic 1-D fractal noise (length,) float32, mean 0, standard deviation 1; see `fractal_noise`."""
-    x = np.arange(length)
-    total = np.zeros(length)
-    for octave in range(octaves):
-        across = max(1, round(length / (cell_px / 2**octave)))
-        grid = rng.standard_normal(across)
-        position = x * across / length
-        left = np.floor(position).astype(int)
-        share = position - left
-        share = share * share * (3 - 2 * share)
-        total += gain**octave * (grid[left % across] * (1 - share) + grid[(left + 1) % across] * share)
-    return ((total - total.mean()) / max(total.std(), 1e-9)).astype(np.float32)
+    return fractal_noise((1, length), rng, cell_px=(cell_px, cell_px), octaves=octaves, gain=gain)[0]
 
 
 def smoothstep(low: np.ndarray | np.floating | float, high: np.floating | float, x: np.ndarray) -> np.ndarray:
@@ -102,28 +92,15 @@ def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: fl
     if s.ndim == 2:
         return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
     # OpenCV refuses maps longer than 32767, so a list is reshaped to rows.
-    rows = max(1, -(-len(s) // LIST_ROW))
-    return cv2.remap(tile, _folded(u, rows), _folded(v, rows), cv2.INTER_LINEAR).ravel()[: len(s)]
-
-
-def _folded(values: np.ndarray, rows: int) -> np.ndarray:
-    """The values as (rows, LIST_ROW), padded with zeros; np.resize would copy them twice."""
-    folded = np.zeros(rows * LIST_ROW, np.float32)
-    folded[: len(values)] = values
-    return folded.reshape(rows, LIST_ROW)
+    u, v = (np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
+    return cv2.remap(tile, u, v, cv2.INTER_LINEAR).ravel()[: len(s)] if len(s) else s
 
 
 def fade(footprint: np.ndarray, wave_m: float) -> np.ndarray:
     """Share of a wave's amplitude left after averaging over a footprint: 1 for a short footprint, 0 for a long one."""
-    ratio = footprint * np.float32(1.6 / wave_m)
-    ratio *= ratio
-    ratio += 1
-    return np.divide(1, ratio, out=ratio)
+    return 1 / (1 + (footprint * np.float32(1.6 / wave_m)) ** 2)
 
 
 def _wrapped(metres: np.ndarray, wave_m: float) -> np.ndarray:
-    # TILE is a power of two, so this scaling is exact.
     tiles = metres * np.float32(TEXELS_PER_WAVE / TILE / wave_m)
-    tiles -= np.floor(tiles)
-    tiles *= TILE
-    return tiles
+    return (tiles - np.floor(tiles)) * np.float32(TILE)

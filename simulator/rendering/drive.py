@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.landscape.backdrop import BackdropStyle
+from simulator.backdrop import BackdropStyle
 from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import Shade, Sun

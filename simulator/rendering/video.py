@@ -5,21 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import closing
 from functools import partial
-from itertools import product
 from pathlib import Path
 
 from lanes.camera import save_camera
 from lanes.files import atomic_write, translate_write_errors
 from lanes.video.reader import inspect_video
-from simulator.landscape.backdrop import panorama
-from simulator.landscape.foliage import plant_picture
-from simulator.objects.scene_objects import PlacedObject, PlacedWall, Tree
-from simulator.objects.wall_textures import SLOW, wall_texture
-from simulator.objects.walls import WALLS
 from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.road.ground import pixel_rays
 from simulator.road.truth import Truth, truth_row, write_truth_csv
 
 Progress = Callable[[int, int], None]
@@ -34,9 +27,6 @@ ENCODER = ["-threads", "1", "-movflags", "+faststart", "-bitexact"]
 
 VIDEO_SECONDS = 10.0
 VIDEO_FPS = 25
-# Plants (species and seed) in backdrops and at the edge of a wood.
-BACKDROP_PLANTS = set(product(("oak", "plane", "eucalyptus", "bush", "scrub"), range(2)))
-WOOD_PLANTS = set(product(("redwood", "oak", "plane", "bush", "scrub"), range(6)))
 
 
 def write_video(
@@ -83,12 +73,11 @@ def _encode(
         macro_block_size=1,
         output_params=[*quality, *ENCODER],
     )
-    rows, assets = [], asset_jobs(drive)
-    frames = map_ordered(partial(_render, drive), [*assets, *range(count)], workers=workers)
+    rows = []
+    frames = map_ordered(partial(_render, drive), range(count), workers=workers)
     with closing(writer), closing(frames):
         writer.send(None)
-        for number, frame in enumerate(frame for frame in frames if frame is not None):
-            image, truth = frame
+        for number, (image, truth) in enumerate(frames):
             writer.send(image)
             rows.append(truth_row(truth, frame=number))
             if progress:
@@ -96,28 +85,7 @@ def _encode(
     return rows
 
 
-def _render(drive: Drive, job: int | Callable[[], object]) -> tuple[bytes, Truth] | None:
-    """Bytes and truth of the frame with number `job`; None for a job that fills the disk cache."""
-    if callable(job):
-        job()
-        return None
-    frame = render_frame(drive, job / VIDEO_FPS)
+def _render(drive: Drive, number: int) -> tuple[bytes, Truth]:
+    """Bytes and truth of a frame."""
+    frame = render_frame(drive, number / VIDEO_FPS)
     return frame.image.tobytes(), frame.truth
-
-
-def asset_jobs(drive: Drive) -> list[Callable[[], object]]:
-    """Functions without arguments that fill the disk cache for a drive. They can run in any process.
-
-    Plants come first, because panoramas and woods need them.
-    """
-    placed = [item.item for item in drive.objects if isinstance(item, PlacedObject)]
-    walls = {(item.kind, item.seed) for item in drive.objects if isinstance(item, PlacedWall)}
-    strips = {(name, seed + n) for kind, seed in walls for n, name in enumerate(WALLS[kind].textures)}
-    plants = {(tree.species, tree.seed) for tree in placed if isinstance(tree, Tree)} | BACKDROP_PLANTS
-    plants |= WOOD_PLANTS if "wood" in dict(strips) else set()
-    return [
-        partial(pixel_rays, drive.camera),
-        *(partial(plant_picture, *plant) for plant in sorted(plants)),
-        partial(panorama, drive.backdrop, drive.seed),
-        *(partial(wall_texture, *strip) for strip in sorted(strips) if strip[0] in SLOW),
-    ]

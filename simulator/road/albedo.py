@@ -21,12 +21,10 @@ DUST = (0.26, 0.235, 0.215)
 # Width of the dust on the pavement, and its coverage at the edge.
 DUST_REACH_M = 2.0
 DUST_SHARE = 0.22
-# Rows per block, so that a block stays in the processor's cache.
-BLOCK_ROWS = 32
 
 
 @dataclass(frozen=True)
-class NoiseLayers:
+class _NoiseLayers:
     """Noise shared by all materials (rows, width): about unit strength near the car, attenuated by the footprint."""
 
     grain: np.ndarray
@@ -36,33 +34,28 @@ class NoiseLayers:
     track: np.ndarray
     oil: np.ndarray
 
-    def crop(self, cut: slice, columns: slice = slice(None)) -> NoiseLayers:
+    def crop(self, cut: slice, columns: slice = slice(None)) -> _NoiseLayers:
         """Part of the rows and columns."""
-        return NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
+        return _NoiseLayers(*(getattr(self, field.name)[cut, columns] for field in fields(self)))
 
 
-def ground_albedo(
-    surface: Surface, ground: Ground, *, station_m: float, seed: int, needed: np.ndarray | None = None
-) -> np.ndarray:
+def ground_albedo(surface: Surface, ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
     """Reflectance (rows, width, 3) of the ground without markings, linear float32 RGB, 1.0 = white paint.
 
-    `station_m` is the arc length of the car. The verge is only right in the mask `needed` (rows, width); default:
-    everywhere.
+    `station_m` is the arc length of the car.
     """
     s = ground.s + np.float32(station_m)
-    layers = noise_layers(surface, ground, s, seed)
+    layers = _noise_layers(surface, ground, s, seed)
     albedo = _pavement(surface, ground, s, layers)
-    half_footprint_s = ground.footprint_s / 2
-    reached_rows = (s - half_footprint_s).min(axis=1), (s + half_footprint_s).max(axis=1)
     for patch in surface.patches:
-        _paint_patch(albedo, patch, ground, s, layers, reached_rows)
+        _paint_patch(albedo, patch, ground, s, layers)
     for number, seam in enumerate(surface.seams):
         _paint_seam(albedo, seam, ground, s, seed + 50 + number)
-    paint_verge(albedo, surface, ground, s, layers.blotch, needed=needed, seed=seed + 11)
+    _paint_verge(albedo, surface, ground, s, layers.blotch, seed=seed + 11)
     return albedo
 
 
-def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> NoiseLayers:
+def _noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> _NoiseLayers:
     """Noise layers, including the wear across the lanes."""
     footprint = ground.footprint_s
     grain = np.zeros_like(s)
@@ -86,7 +79,7 @@ def noise_layers(surface: Surface, ground: Ground, s: np.ndarray, seed: int) -> 
     # Oil and rubber lie in the wheel tracks, so dark areas have more spots.
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
     stain *= fade(footprint, 6.0)
-    return NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
+    return _NoiseLayers(grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven)
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -103,7 +96,7 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     return track, oil
 
 
-def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
+def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> np.ndarray:
     """Reflectance of the zones, each computed only in the rows that show it."""
     zones = sorted(surface.zones, key=lambda zone: zone.start_m)
     started = [z for z in zones if z.start_m < s.min() - 10]
@@ -123,7 +116,7 @@ def _pavement(surface: Surface, ground: Ground, s: np.ndarray, layers: NoiseLaye
     return albedo
 
 
-def _material(material: Material, ground: Ground, s: np.ndarray, layers: NoiseLayers) -> np.ndarray:
+def _material(material: Material, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> np.ndarray:
     tone = 1 + np.float32(material.grain) * layers.grain + np.float32(material.blotch) * layers.blotch
     tone += np.float32(material.streak) * layers.streak - np.float32(material.stain) * layers.stain
     tone += np.float32(material.track) * layers.track + np.float32(material.oil) * layers.oil
@@ -142,28 +135,15 @@ def _blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
     below += above
 
 
-def _paint_patch(
-    albedo: np.ndarray,
-    patch: Patch,
-    ground: Ground,
-    s: np.ndarray,
-    layers: NoiseLayers,
-    reached_rows: tuple[np.ndarray, np.ndarray],
-) -> None:
-    """Paint a patch in place; `reached_rows` are the smallest and largest s (rows,) of each row."""
-    low, high = patch.start_m - EDGE_NOISE_M, patch.end_m + EDGE_NOISE_M
-    seen = np.flatnonzero((reached_rows[1] > low) & (reached_rows[0] < high))
-    if not len(seen):
+def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, s: np.ndarray, layers: _NoiseLayers) -> None:
+    # Only the rows and columns that show the patch, because a parking stall fills 2 % of the image.
+    margin_s, margin_d = (half / 2 + np.float32(EDGE_NOISE_M) for half in (ground.footprint_s, ground.footprint_d))
+    near: np.ndarray = cv2.inRange(s, np.float32(patch.start_m) - margin_s, np.float32(patch.end_m) + margin_s)
+    near &= cv2.inRange(ground.d, np.float32(patch.low_m) - margin_d, np.float32(patch.high_m) + margin_d)
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
         return
-    rows = slice(seen[0], seen[-1] + 1)
-    # The columns too, because a parking stall fills 2 % of the rows around it.
-    footprint_s, footprint_d = ground.footprint_s[rows] / 2, ground.half_footprint_d[rows] + np.float32(EDGE_NOISE_M)
-    near: np.ndarray = cv2.inRange(s[rows], np.float32(low) - footprint_s, np.float32(high) + footprint_s)
-    near &= cv2.inRange(ground.d[rows], np.float32(patch.low_m) - footprint_d, np.float32(patch.high_m) + footprint_d)
-    seen = np.flatnonzero(near.any(axis=0))
-    if not len(seen):
-        return
-    cut = rows, slice(seen[0], seen[-1] + 1)
+    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     part, s, part_layers = ground.crop(*cut), s[cut], layers.crop(*cut)
     wobble = np.float32(0.03) * part_layers.blotch
     ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None, None]
@@ -191,39 +171,15 @@ def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, s
     flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])
 
 
-def paint_verge(
-    albedo: np.ndarray,
-    surface: Surface,
-    ground: Ground,
-    s: np.ndarray,
-    blotch: np.ndarray,
-    *,
-    needed: np.ndarray | None = None,
-    seed: int,
+def _paint_verge(
+    albedo: np.ndarray, surface: Surface, ground: Ground, s: np.ndarray, blotch: np.ndarray, *, seed: int
 ) -> None:
     """Paint the ground next to the pavement onto the reflectance (rows, width, 3), in place.
 
     `s` (rows, width) are arc lengths from the road's start, `blotch` (rows, width) is noise.
-    Only the pixels of the mask `needed` are painted; default: all.
     """
-    for first in range(0, len(s), BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
-        where = True if needed is None else needed[rows]
-        _paint_rows(albedo[rows], surface, ground.crop(rows), s[rows], blotch[rows], where, seed)
-
-
-def _paint_rows(
-    albedo: np.ndarray,
-    surface: Surface,
-    ground: Ground,
-    s: np.ndarray,
-    blotch: np.ndarray,
-    needed: np.ndarray | bool,
-    seed: int,
-) -> None:
-    """`paint_verge` for a block of rows."""
     beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
-    pixels = np.flatnonzero((beyond > -ground.footprint_d - np.float32(DUST_REACH_M)) & needed)
+    pixels = np.flatnonzero(beyond > -ground.footprint_d - np.float32(DUST_REACH_M))
     if not len(pixels):
         return
     arrays = (s, ground.d, ground.d_u, ground.d_v, ground.footprint_s, beyond)
@@ -232,43 +188,22 @@ def _paint_rows(
     rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(footprint, 3.0)
     broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(footprint, 30.0)
     fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
-    gravel_tone = 1 + 0.16 * rough + 0.15 * fine
-    grass = _grass(s, d, footprint, rough, broad, fine, seed=seed + 2)
-    # The border follows the tufts.
+    tufts = sample_noise(band_noise_tile(seed + 2), s, d, wave_s_m=0.6, wave_d_m=0.22)
+    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
+    # Dry grass in tufts, with bare soil and dark gaps; its border follows the tufts.
+    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
+    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
+    grass *= np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
     to_grass = edge_coverage(beyond - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
+    verge = GRAVEL[:, None] * (1 + 0.16 * rough + 0.15 * fine)
+    verge += to_grass * (grass - verge)
+    verge *= np.array(surface.verge_tint, np.float32)[:, None]
+    if surface.opposite_m is not None:
+        # Plain asphalt, because barriers hide most of it.
+        asphalt = np.array(MATERIALS["asphalt"].colour, np.float32)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
+        verge += strip_coverage(d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust
-    if surface.opposite_m is not None:
-        # Plain asphalt, because barriers hide most of it.
-        asphalt = MATERIALS["asphalt"].colour
-        asphalt_tone = 1 + 0.1 * blotch.ravel()[pixels]
-        on_asphalt = strip_coverage(d, d_u, d_v, *surface.opposite_m)
-    # Channel by channel, because numpy is slow where the innermost axis has three elements.
-    for channel in range(3):
-        verge = GRAVEL[channel] * gravel_tone
-        verge += to_grass * (grass[channel] - verge)
-        verge *= np.float32(surface.verge_tint[channel])
-        if surface.opposite_m is not None:
-            verge += on_asphalt * (np.float32(asphalt[channel]) * asphalt_tone - verge)
-        flat = albedo.reshape(-1, 3)[:, channel]
-        below = flat[pixels]
-        flat[pixels] = below + share * (verge - below)
-
-
-def _grass(
-    s: np.ndarray,
-    d: np.ndarray,
-    footprint: np.ndarray,
-    rough: np.ndarray,
-    broad: np.ndarray,
-    fine: np.ndarray,
-    *,
-    seed: int,
-) -> np.ndarray:
-    """Reflectance (3, K) of dry grass in tufts, with bare soil and dark gaps."""
-    tufts = sample_noise(band_noise_tile(seed), s, d, wave_s_m=0.6, wave_d_m=0.22)
-    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
-    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
-    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
-    return grass * np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
+    flat = albedo.reshape(-1, 3)
+    flat[pixels] += share[:, None] * (verge.T - flat[pixels])

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes import camera as lens_model
 from lanes.camera import Camera
-from simulator.disk_cache import cached_array, short_hash
 from simulator.road.road_ahead import RoadAhead
 
 # Beyond this distance the ground is less than 2 px below the horizon and is part of the backdrop.
@@ -25,14 +22,8 @@ TANGENTS = np.linspace(-1.0, 1.0, 81)
 DISTANCES_M = np.geomspace(MIN_GROUND_M, MAX_GROUND_M, 420)
 # Slopes of rays (rise per metre ahead) in the table; the step is half a pixel of a dashcam.
 SLOPES = np.arange(-1.0, 0.35, 1 / 2400)
-# Safety margin for the differences of slope within a row between the sampled columns.
-SKY_MARGIN = 0.02
 # After steps shorter than this share of the distance, road coordinates are extrapolated and not looked up again.
 SHORT_STEP = 1e-4
-# Rows per block, so that a block stays in the processor's cache.
-BLOCK_ROWS = 48
-# Lenses in the disk cache.
-MAX_CACHED = 3
 
 
 @dataclass(frozen=True)
@@ -60,10 +51,8 @@ class Ground:
 
         `lateral_m` (rows, width) replaces d for strips that are not parallel to the road.
         """
-        if lateral_m is None:
-            right, left = self.footprint_edges_d
-        else:
-            right, left = lateral_m - self.half_footprint_d, lateral_m + self.half_footprint_d
+        middle, half = self.d if lateral_m is None else lateral_m, self.footprint_d / 2
+        right, left = middle - half, middle + half
         # OpenCV's stubs miss scalars
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)  # type: ignore[call-overload]
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)  # type: ignore[call-overload]
@@ -82,16 +71,6 @@ class Ground:
         return np.abs(self.s_u) + np.abs(self.s_v)
 
     @cached_property
-    def half_footprint_d(self) -> np.ndarray:
-        """Half of `footprint_d`; cached, because every strip needs it."""
-        return self.footprint_d / 2
-
-    @cached_property
-    def footprint_edges_d(self) -> tuple[np.ndarray, np.ndarray]:
-        """Right and left ends of the footprint across the road, metres."""
-        return self.d - self.half_footprint_d, self.d + self.half_footprint_d
-
-    @cached_property
     def footprint_d(self) -> np.ndarray:
         """Width of the footprint across the road, metres."""
         return np.abs(self.d_u) + np.abs(self.d_v)
@@ -100,12 +79,6 @@ class Ground:
 @lru_cache(maxsize=2)
 def pixel_rays(camera: Camera) -> np.ndarray:
     """Ray directions (height, width, 3) float32 of all raw pixels, in camera axes with z = 1; cached for each lens."""
-    sources = [Path(__file__), Path(lens_model.__file__)]
-    lens = short_hash(camera.size, camera.matrix.tobytes(), camera.distortion.tobytes())
-    return cached_array(f"rays/{lens}", sources, lambda: _rays(camera), max_files=MAX_CACHED)
-
-
-def _rays(camera: Camera) -> np.ndarray:
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
     return rays.reshape(camera.height, camera.width, 3).astype(np.float32)
@@ -165,8 +138,6 @@ def cast_on_relief(
     the camera above the road below it. Returns the fields of `Ground` top, visible, x, y, s and d.
     """
     inverse = _inverse_distance_table(height_m, road)
-    sky = _count_sky_rows(rays, inverse)
-    rays = rays[sky:]
     forward = np.maximum(rays[..., 0], np.float32(0.05))
     tangent, slope = rays[..., 1] / forward, rays[..., 2] / forward
     column = (tangent - np.float32(TANGENTS[0])) / np.float32(TANGENTS[1] - TANGENTS[0])
@@ -176,20 +147,9 @@ def cast_on_relief(
     top = int(np.argmax(visible.any(axis=1)))
     visible, tangent, slope = visible[top:], tangent[top:], slope[top:]
     x = 1 / np.maximum(seen[top:], np.float32(1 / MAX_GROUND_M))
-    s, d = np.empty_like(x), np.empty_like(x)
-    for first in range(0, len(x), BLOCK_ROWS):
-        rows = slice(first, first + BLOCK_ROWS)
-        places = _refine(x[rows].ravel(), tangent[rows].ravel(), slope[rows].ravel(), height_m, road)
-        x[rows], s[rows], d[rows] = (place.reshape(x[rows].shape) for place in places)
-    return sky + top, visible, x, x * tangent, s, d
-
-
-def _count_sky_rows(rays: np.ndarray, inverse: np.ndarray) -> int:
-    """Number of rows at the top of the image whose rays are all too steep to meet ground."""
-    steepest = SLOPES[np.flatnonzero(inverse.any(axis=1)).max(initial=0)]
-    few = rays[:, ::32]
-    rising = few[..., 2] > np.float32(steepest + SKY_MARGIN) * np.maximum(few[..., 0], np.float32(0.05))
-    return int(np.argmin(rising.all(axis=1)))
+    places = _refine(x.ravel(), tangent.ravel(), slope.ravel(), height_m, road)
+    x, s, d = (place.reshape(tangent.shape) for place in places)
+    return top, visible, x, x * tangent, s, d
 
 
 def _inverse_distance_table(height_m: float, road: RoadAhead) -> np.ndarray:
@@ -241,21 +201,11 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
     a = np.maximum(np.abs(step_u), np.float32(1e-6))
     b = np.maximum(np.abs(step_v), np.float32(1e-3) * a)
     a = np.maximum(a, np.float32(1e-3) * b)
-    outer, inner = a + b, a - b
-    outer /= 2
-    inner /= 2
+    outer, inner = (a + b) / 2, (a - b) / 2
     # Clipping first keeps the differences of small numbers exact in float32.
     t = np.clip(t, -outer, outer)
-    area = t + outer
-    area *= area
-    for beyond in (t + inner, t - inner):
-        beyond = np.maximum(beyond, 0)
-        beyond *= beyond
-        area -= beyond
-    a *= 2
-    a *= b
-    area /= a
-    return area
+    area = (t + outer) ** 2 - np.maximum(t + inner, 0) ** 2 - np.maximum(t - inner, 0) ** 2
+    return area / (a * 2 * b)
 
 
 def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float) -> np.ndarray:

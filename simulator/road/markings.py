@@ -116,17 +116,20 @@ def paint_markings(
     albedo: np.ndarray, markings: tuple[Marking, ...], ground: Ground, *, station_m: float, seed: int
 ) -> None:
     """Paint the markings onto the road's reflectance (rows, width, 3) float32, in place."""
-    flat = albedo.reshape(-1, 3)
     for number, marking in enumerate(markings):
         pixels, coverage = paint_coverage(marking, ground, station_m=station_m)
         if not len(pixels):
             continue
         if marking.wear:
             coverage = coverage * worn(marking.wear, ground, pixels, station_m, seed + number)
-        colour = np.array(marking.colour, np.float32)
-        flat[pixels] += coverage[:, None] * (colour - flat[pixels])
+        _blend(albedo, pixels, coverage, marking.colour)
         if marking.dots:
-            _paint_dots(flat, marking, ground, station_m)
+            _blend(albedo, *paint_coverage(_dots(marking), ground, station_m=station_m), marking.colour)
+
+
+def _blend(albedo: np.ndarray, pixels: np.ndarray, coverage: np.ndarray, colour: tuple[float, float, float]) -> None:
+    flat = albedo.reshape(-1, 3)
+    flat[pixels] += coverage[:, None] * (np.array(colour, np.float32) - flat[pixels])
 
 
 def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
@@ -140,19 +143,14 @@ def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed
     return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
 
 
-def _paint_dots(flat: np.ndarray, marking: Marking, ground: Ground, station_m: float) -> None:
+def _dots(marking: Marking) -> Marking:
     """Raised markers, 0.10 m square: 12.2 m apart in the middle of the gaps, or 14.6 m apart next to a solid line."""
     paint, gap = marking.dash_m
     period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
-    first = marking.phase_m + paint + gap / 2 if marking.dashed else marking.phase_m
-    centre = marking.lateral_m - np.copysign(side, marking.lateral_m)
-    pixels = ground.pixels_between(centre - 0.06, centre + 0.06)
-    d, d_u, d_v, s = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.s))
-    coverage = strip_coverage(d, d_u, d_v, centre - 0.05, centre + 0.05)
+    first = marking.phase_m + (paint + gap / 2 if marking.dashed else 0.0)
     # Markers are 2 cm high, so each looks about twice as long from the car.
-    phase = np.float32((station_m - first) % period)
-    coverage = coverage * dash_coverage(s + phase, ground.footprint_s.ravel()[pixels], 0.20, period)
-    flat[pixels] += coverage[:, None] * (np.array(marking.colour, np.float32) - flat[pixels])
+    dash_m, centre_m = (0.20, period - 0.20), marking.lateral_m - float(np.copysign(side, marking.lateral_m))
+    return Marking(centre_m, 0.10, marking.colour, dashed=True, phase_m=first, dash_m=dash_m)
 
 
 @dataclass(frozen=True)
@@ -174,13 +172,11 @@ def paint_symbols(
     albedo: np.ndarray, symbols: tuple[Symbol, ...], ground: Ground, *, station_m: float, seed: int
 ) -> None:
     """Paint the symbols onto the road's reflectance (rows, width, 3) float32, in place."""
-    flat = albedo.reshape(-1, 3)
     for number, symbol in enumerate(symbols):
         pixels, coverage = symbol_coverage(symbol, ground, station_m=station_m)
-        if not len(pixels):
-            continue
-        coverage = coverage * worn(symbol.wear, ground, pixels, station_m, seed + number)
-        flat[pixels] += coverage[:, None] * (np.array(WHITE, np.float32) - flat[pixels])
+        if len(pixels):
+            coverage = coverage * worn(symbol.wear, ground, pixels, station_m, seed + number)
+            _blend(albedo, pixels, coverage, WHITE)
 
 
 def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,6 @@ WINDING_AHEAD_M = 220.0
 CREST_RANGE_M, MIN_HIDDEN_SLOPE = 200.0, 0.002
 # Extent and cell size, in the car's frame, of the nearest-node map of a winding road.
 MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5
-BLOCK_POINTS = 1 << 16
 
 
 class RoadAhead:
@@ -68,15 +67,6 @@ class RoadAhead:
         Three iterations are enough for points within 50 m of the reference line and radii above 50 m.
         """
         x, y = x_m.ravel(), y_m.ravel()
-        s, d = np.empty_like(x), np.empty_like(y)
-        # Blocks stay in the processor's cache.
-        for start in range(0, len(x), BLOCK_POINTS):
-            part = slice(start, start + BLOCK_POINTS)
-            s[part], d[part] = self._locate_points(x[part], y[part], iterations)
-        return s.reshape(x_m.shape), d.reshape(x_m.shape)
-
-    def _locate_points(self, x: np.ndarray, y: np.ndarray, iterations: int) -> tuple[np.ndarray, np.ndarray]:
-        """`locate` for points (N,)."""
         node = first = self._first_node(x, y)
         s, d = self._project(x, y, node)
         for _ in range(iterations - 1):
@@ -88,28 +78,16 @@ class RoadAhead:
             moved = np.flatnonzero(nearest != node)
             node = nearest
             s[moved], d[moved] = self._project(x[moved], y[moved], node[moved])
-        return s + self._s0, d
+        return (s + self._s0).reshape(x_m.shape), d.reshape(x_m.shape)
 
     def _project(self, x_m: np.ndarray, y_m: np.ndarray, node: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (s from the table's start, d) of points (N,), by the osculating circles at nodes (N,)."""
         # All nodes are in the table; mode="clip" saves numpy the bounds check.
         px, py, cosine, sine, curvature = (column.take(node, mode="clip") for column in self._table)
-        # In place where possible, because allocating arrays of an image's size takes half of the time.
-        dx, dy = np.subtract(x_m, px, out=px), np.subtract(y_m, py, out=py)
-        along, across = cosine * dx, cosine * dy
-        along += np.multiply(sine, dy, out=dy)
-        across -= np.multiply(sine, dx, out=dx)
-        stretch = np.multiply(curvature, across, out=dx)
-        np.maximum(np.subtract(1, stretch, out=stretch), np.float32(0.2), out=stretch)
-        ahead = np.divide(along, stretch, out=stretch)
-        curvature *= along
-        curvature *= ahead
-        curvature /= 2
-        s = node.astype(np.float32)
-        s *= np.float32(self.STEP_M)
-        s += ahead
-        across -= curvature
-        return s, across
+        dx, dy = x_m - px, y_m - py
+        along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
+        ahead = along / np.maximum(1 - curvature * across, np.float32(0.2))
+        return node.astype(np.float32) * np.float32(self.STEP_M) + ahead, across - curvature * along * ahead / 2
 
     def _nearest_node(self, s: np.ndarray) -> np.ndarray:
         """Nearest table nodes of arc lengths relative to the table's start."""

@@ -30,7 +30,7 @@ def challenge_video() -> Drive:
     The joint between dark and pale pavement is in the middle of the lane for the whole drive. There is one seam before
     the bridge and one after it.
     """
-    bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12, seed=3)
+    bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12)
     joint = joint_fields(
         Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
         Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
@@ -89,7 +89,7 @@ def harder_challenge_video() -> Drive:
         ),
         exposure=AutoExposure(strength=0.6),
         fog=Fog(2500.0, height_m=200.0),
-        glare=Glare(veil=0.6, sheen=0.8, flare=0.6, dashboard=0.3),
+        glare=Glare(veil=0.6, sheen=0.8, dashboard=0.3),
         lens=Lens(noise=0.004, exposure=0.3),
         seed=172,
         **daylight(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
@@ -97,14 +97,6 @@ def harder_challenge_video() -> Drive:
 
 
 SCENES = (
-    SuiteScene(
-        "challenge",
-        "hard",
-        9.0,
-        "Dark joint and seam in the lane, a barrier, a bridge, pale concrete.",
-        challenge_video,
-    ),
-    SuiteScene(
-        "harder-challenge", "hard", 10.0, "Hairpins both ways in a wood: shade, glare, haze.", harder_challenge_video
-    ),
-)
+    SuiteScene("challenge", "hard", 9.0, "Dark joint and seam in the lane, a bridge, pale concrete.", challenge_video),
+    SuiteScene("harder-challenge", "hard", 10.0, "Hairpins in a wood: shade, glare, haze.", harder_challenge_video),
+)  # fmt: skip

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from simulator.landscape.backdrop import BackdropStyle
+from simulator.backdrop import BackdropStyle
 from simulator.light.sunlight import Sun
 from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Tree
 from simulator.objects.walls import WALLS
@@ -110,7 +110,7 @@ def plant_trees(
 ) -> tuple[PlacedObject, ...]:
     """Trees or bushes at random positions next to the road, about every `every_m` metres, on a bank where one is given.
 
-    `species` are names in foliage.SPECIES, separated by blanks, chosen at random. `s_m`, `d_m` and `height_m` are
+    `species` are names in trees.SPECIES, separated by blanks, chosen at random. `s_m`, `d_m` and `height_m` are
     ranges of arc length, lateral position and height of the trees.
     """
     rng = np.random.default_rng(seed)

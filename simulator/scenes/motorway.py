@@ -10,7 +10,7 @@ import numpy as np
 from simulator.light.lens import Lens
 from simulator.light.sunlight import TreeShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.scene_objects import PlacedObject, PlacedWall, Sign
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
@@ -66,8 +66,6 @@ def project_video() -> Drive:
             car(46.0, -2, "black", "suv", speed_mps=27.5),
             car(95.0, -1, "silver", speed_mps=29.0),
             car(130.0, 0, "grey", speed_mps=28.5),
-            PlacedObject(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
-            PlacedObject(205.0, -16.5, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
             *oncoming_cars(7, s_m=(60, 640), opposite_m=17.0, speed_mps=26.0),
             *plant_trees(21, "oak bush", s_m=(10, 620), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
             *plant_trees(22, "scrub bush", s_m=(10, 620), d_m=(-30, -21), height_m=(0.8, 2.0), every_m=13, bank=bank),
@@ -100,7 +98,6 @@ def motorway_drive(**changes) -> Drive:
             bank,
             car(22.0, -1, "silver", "suv", speed_mps=26.0),
             car(70.0, -2, "white", speed_mps=25.0),
-            PlacedObject(120.0, -16.7, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
             *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
             *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
             *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
@@ -255,7 +252,6 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M / 2, 0.12, WHITE, wear=0.15),
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
-    warning = (PlacedObject(60.0, -7.6, Sign(0, 0, "warning", 1.2, 1.2, 1.5)),)
     return motorway_drive(
         markings=(*old, *new),
         surface=freeway_surface(
@@ -267,7 +263,6 @@ def _construction() -> Drive:
         objects=(
             PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
             PlacedWall(-7.4, "jersey", seed=29),
-            *warning,
             *_without_barrier(),
         ),
         motion=replace(motorway_drive().motion, speed_mps=20.0),

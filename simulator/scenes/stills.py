@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from simulator.light.sunlight import TreeShade
-from simulator.objects.scene_objects import PlacedObject, PlacedWall, Post, Sign, Tree
+from simulator.objects.scene_objects import PlacedObject, PlacedWall, Post, Tree
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.albedo import DUST
 from simulator.road.geometry import RoadGeometry
@@ -51,8 +51,6 @@ def _straight_lines1() -> Drive:
         objects=(
             bank,
             PlacedWall(12.6, "jersey"),
-            PlacedObject(200.0, -16.6, Sign(0, 0, "green", 3.2, 1.6, 2.6)),
-            PlacedObject(155.0, -16.4, Sign(0, 0, "speed", 0.9, 1.2, 2.1)),
             *(PlacedObject(142.0 + 5 * i, 8.4, Tree(0, 0, 3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
             car(245.0, 0, "white"),
             car(268.0, -1, "black", "suv"),
@@ -137,8 +135,6 @@ def _test2() -> Drive:
         objects=(
             PlacedWall(4.35, "jersey", seed=4),
             bank,
-            PlacedObject(121.0, 5.1, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
-            PlacedObject(158.0, -16.6, Sign(0, 0, "blue", 1.2, 0.6, 2.0)),
             car(232.0, -1, "blue"),
             *oncoming_cars(4, s_m=(140, 300), opposite_m=5.4),
             *plant_trees(11, "oak bush", s_m=(120, 400), d_m=(-42, -33), height_m=(3, 9), every_m=10, bank=bank),
@@ -164,7 +160,6 @@ def _test3() -> Drive:
             bank,
             car(130.0, -2, "white"),
             car(197.0, -1, "blue", "suv"),
-            PlacedObject(215.0, -16.5, Sign(0, 0, "warning", 1.1, 1.1, 2.0)),
             *plant_trees(13, "plane oak", s_m=(112, 330), d_m=(12, 24), height_m=(3, 7), every_m=10),
             *plant_trees(14, "oak", s_m=(180, 330), d_m=(-34, -24), height_m=(4, 8), every_m=12, bank=bank),
         ),

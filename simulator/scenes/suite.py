@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import os
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from platformdirs import user_cache_path
 
 import simulator
 from lanes import camera
 from lanes.files import hash_sources
 from lanes.images import write_image
-from simulator.disk_cache import cache_folder
 from simulator.processes import available_workers, run_all
 from simulator.rendering.drive import SuiteScene
 from simulator.rendering.render import render_frame
@@ -38,6 +40,16 @@ VIDEOS = {
     "challenge_video": (challenge_video, 9.0, CHALLENGE_CRF),
     "harder_challenge_video": (harder_challenge_video, 10.0, HARDER_CRF),
 }
+
+
+def cache_folder() -> Path:
+    """Folder of rendered scenes: LANES_CACHE if set, else one in the platform's cache folder of this user.
+
+    Raises RuntimeError if the user has no home folder.
+    """
+    if os.environ.get("LANES_CACHE"):
+        return Path(os.environ["LANES_CACHE"])
+    return user_cache_path("advanced-lane-finding", appauthor=False, opinion=False) / "scenes"
 
 
 def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:

@@ -103,7 +103,7 @@ def _dapple() -> Drive:
 
 
 def _underpass() -> Drive:
-    bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15, seed=2)
+    bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15)
     drive = plain_motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
     return replace(drive, objects=(*drive.objects, bridge))
 
@@ -115,7 +115,7 @@ def _low_sun() -> Drive:
 
 
 def _dirty_glass() -> Drive:
-    glare = Glare(veil=1.2, flare=0.6, dashboard=1.6)
+    glare = Glare(veil=1.2, dashboard=1.6)
     return country_road_drive(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **daylight(-28, 22, tree_density=0.9))
 
 
@@ -204,28 +204,18 @@ def _lorry() -> Drive:
 
 
 SCENES = (
-    SuiteScene(
-        "pale-concrete", "medium", 4.0, "Worn paint on light concrete at 120 km/h, cracks along it.", _pale_concrete
-    ),
+    SuiteScene("pale-concrete", "medium", 4.0, "Worn paint on light, cracked concrete at 120 km/h.", _pale_concrete),
     SuiteScene("dapple", "medium", 5.0, "Dappled shadows of tree crowns all along the road.", _dapple),
-    SuiteScene(
-        "underpass", "hard", 4.0, "Bright, dark, bright: below a wide bridge, with delayed exposure.", _underpass
-    ),
-    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, lens flare, a shining road.", _low_sun),
-    SuiteScene(
-        "dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that reflects the dashboard, in a wood.", _dirty_glass
-    ),
+    SuiteScene("underpass", "hard", 4.0, "Bright, dark, bright: below a wide bridge, delayed exposure.", _underpass),
+    SuiteScene("low-sun", "hard", 4.0, "A low sun ahead: veiling glare, a shining road.", _low_sun),
+    SuiteScene("dirty-glass", "hard", 4.0, "Sun on a dirty windscreen that reflects the dashboard.", _dirty_glass),
     SuiteScene("white-out", "hard", 4.0, "From a dark wood onto sunny concrete: overexposed for a second.", _white_out),
-    SuiteScene(
-        "deep-shade", "medium", 4.0, "A winding road in the deep blue shade of a wood, with sun flecks.", _deep_shade
-    ),
+    SuiteScene("deep-shade", "medium", 4.0, "A winding road in the blue shade of a wood, sun flecks.", _deep_shade),
     SuiteScene("fog", "hard", 4.0, "Dense fog: 5 % of the contrast is left at 85 m.", _fog),
     SuiteScene("haze", "medium", 4.0, "Far lines fade in bright haze.", _haze),
     SuiteScene("wet-night", "hard", 5.0, "Headlights on a wet road with reflections of lamps.", _wet_night),
     SuiteScene("rain", "hard", 5.0, "Drops on the windscreen between wipes, a road that reflects the clouds.", _rain),
     SuiteScene("motorcycle", "medium", 4.0, "A motorcycle weaves across the lane and both of its lines.", _motorcycle),
-    SuiteScene(
-        "cut-in", "medium", 4.5, "A car crosses the line into the ego lane just ahead, and leaves it again.", _cut_in
-    ),
+    SuiteScene("cut-in", "medium", 4.5, "A car crosses the line into the ego lane, and leaves it again.", _cut_in),
     SuiteScene("lorry", "hard", 4.5, "A lorry hides the broken line for two seconds, driving on it.", _lorry),
-)
+)  # fmt: skip

@@ -98,7 +98,8 @@ def test_simulator(tmp_path):
     assert status == 0, err
     assert "project_video.mp4" in out and "3 files" in out
     videos = tmp_path / "test_videos", ROOT / "test_videos"
-    again, committed = (next(read_video(folder / "project_video.mp4")).astype(int) for folder in videos)
+    road = np.s_[520:660, 300:900]
+    again, committed = (next(read_video(folder / "project_video.mp4"))[road].astype(int) for folder in videos)
     # A single frame is compressed slightly differently from the first of ten seconds.
     assert np.abs(again - committed).mean() < 2
     rows = [(folder / "project_video.csv").read_text().splitlines()[:2] for folder in videos]

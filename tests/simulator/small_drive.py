@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lanes.camera import CameraPose
-from simulator.landscape.backdrop import BackdropStyle
+from simulator.backdrop import BackdropStyle
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun
 from simulator.rendering.drive import Drive, Motion

@@ -15,27 +15,20 @@ import cv2
 import psutil
 import pytest
 
-from simulator.processes import available_workers, map_ordered, run_all
+from simulator.processes import map_ordered, run_all
 from tests.support.project import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("sigint")]
-EACH = pytest.mark.parametrize(
-    "run", [lambda *jobs, **options: list(map_ordered(*jobs, **options)), run_all], ids=["map_ordered", "run_all"]
-)
 
 
-def slow_square(number: int) -> tuple[int, int]:
-    """Even numbers take longer, so that results come out of order."""
+def slow_square(number: int) -> tuple[int, int, int]:
+    """Square, process and OpenCV threads; even numbers take longer, so that results come out of order."""
     time.sleep(0.1 if number % 2 == 0 else 0.0)
-    return number**2, os.getpid()
+    return number**2, os.getpid(), cv2.getNumThreads()
 
 
 def reciprocal(number: int) -> float:
     return 1 / number
-
-
-def opencv_threads(_: int) -> int:
-    return cv2.getNumThreads()
 
 
 def write_slowly(path: Path) -> None:
@@ -54,29 +47,25 @@ def wait_for(condition, *, seconds: float = 20.0) -> None:
         time.sleep(0.02)
 
 
-@EACH
 @pytest.mark.parametrize("workers", [1, 2])
-def test_results_come_in_the_order_of_the_jobs(run, workers):
-    squares, processes = zip(*run(slow_square, range(9), workers=workers), strict=True)
-    assert squares == tuple(n**2 for n in range(9))
+def test_results_in_the_order_of_the_jobs_each_on_one_opencv_thread_with_progress(workers):
+    before, reports = cv2.getNumThreads(), []
+    results = run_all(slow_square, range(9), workers=workers, progress=lambda *done: reports.append(done))
+    squares, processes, threads = zip(*results, strict=True)
+    assert squares == tuple(n**2 for n in range(9)) and set(threads) == {1} and cv2.getNumThreads() == before
     assert (os.getpid() in processes, len(set(processes))) == (workers == 1, workers)
+    assert reports == [(done, 9) for done in range(1, 10)]
 
 
-@EACH
-@pytest.mark.parametrize("workers", [1, 2])
-def test_an_error_in_a_job_is_raised_and_ends_the_workers(run, workers):
-    with pytest.raises(ZeroDivisionError):
-        run(reciprocal, [2, 0, 8], workers=workers)
-    assert multiprocessing.active_children() == []
-
-
-@EACH
-def test_a_worker_that_dies_is_an_error_that_says_what_to_do(run):
+def test_an_error_in_a_job_is_raised_and_a_dead_worker_says_what_to_do():
+    for workers in (1, 2):
+        with pytest.raises(ZeroDivisionError):
+            list(map_ordered(reciprocal, [2, 0, 8], workers=workers))
+        assert multiprocessing.active_children() == []
     with pytest.raises(OSError, match="worker process ended .* workers=1"):
-        run(partial(os._exit), [3], workers=2)
-    assert available_workers() >= 1
+        run_all(partial(os._exit), [3], workers=2)
     with pytest.raises(ValueError, match="not 0"):
-        run(abs, [1], workers=0)
+        map_ordered(abs, [1], workers=0)
 
 
 def test_few_jobs_are_taken_ahead_of_the_results():
@@ -87,14 +76,6 @@ def test_few_jobs_are_taken_ahead_of_the_results():
     assert len(taken) <= 3 + 2 * 2
     results.close()
     assert multiprocessing.active_children() == []
-
-
-@pytest.mark.parametrize("workers", [1, 2])
-def test_progress_and_one_opencv_thread_in_each_job(workers):
-    before, reports = cv2.getNumThreads(), []
-    threads = run_all(opencv_threads, range(4), workers=workers, progress=lambda *done: reports.append(done))
-    assert threads == [1] * 4 and cv2.getNumThreads() == before
-    assert reports == [(done, 4) for done in range(1, 5)]
 
 
 @pytest.fixture

@@ -14,54 +14,23 @@ from lanes.camera import load_camera
 from lanes.files import read_telemetry
 from lanes.images import read_image
 from lanes.video.reader import read_video
-from simulator.light.lens import AutoExposure, Lens
+from simulator.light.lens import AutoExposure
 from simulator.light.sunlight import BridgeShade
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video
-from simulator.road.albedo import ground_albedo
-from simulator.road.geometry import line_polynomial
-from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.road_ahead import RoadAhead
 from simulator.road.truth import truth_row
 from simulator.scenes.stills import still_scenes
 from tests.simulator.small_drive import POSE, SMALL, TINY, small_drive
 from tests.support.command_line import main
 
 
-def test_picture_depends_on_the_seed_only():
-    drive = small_drive(lens=Lens())
-    first, again = render_frame(drive, 0.2), render_frame(drive, 0.2)
-    assert np.array_equal(first.image, again.image)
-    road = RoadAhead(drive.road, drive.motion.pose(0.2))
-    ground = cast_on_ground(pixel_rays(SMALL), SMALL, road)
-    one, other = (ground_albedo(drive.surface, ground, station_m=60.0, seed=seed) for seed in (5, 6))
-    assert not np.array_equal(one, other)
-
-
-def test_pitch_motion_changes_the_pitch_of_the_truth_not_its_lines():
-    drive = small_drive(motion=Motion(60.0, 20.0, 0.3, pitch_rad=0.01, pitch_period_s=1.0))
-    still, pitched = drive.truth(0.0), drive.truth(0.25)
-    assert abs(pitched.pitch_rad - POSE.pitch_rad) > 0.003
-    assert pitched.pitch_rad != still.pitch_rad
-    assert line_polynomial(drive.road, pitched.pose, 1.83) == pitched.left
-
-
 def test_committed_still_is_rendered_again():
-    committed = read_image(PROJECT_ROOT / "test_images" / "test2.jpg").astype(int)
-    again = render_frame(still_scenes()["test2"]).image.astype(int)
+    road = np.s_[470:660, 250:1050]
+    committed = read_image(PROJECT_ROOT / "test_images" / "test2.jpg")[road].astype(int)
+    again = render_frame(still_scenes()["test2"]).image[road].astype(int)
     # JPEG at quality 92 changes texture by a few levels, another scene by dozens.
-    assert np.abs(committed - again).mean() < 2.5
-
-
-def test_bridge_shades_only_the_road_below_it():
-    drive = small_drive(0.0, motion=Motion(100.0))
-    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
-    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
-    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
-    assert ratio[under[1], under[0]].max() < 0.6
-    assert ratio[before[1], before[0]].min() > 0.9
-    assert ratio[beyond[1], beyond[0]].min() > 0.9
+    assert np.abs(committed - again).mean() < 2.5 and np.ptp(again) > 100
 
 
 def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
@@ -102,3 +71,13 @@ def test_message_names_an_unwritable_folder(tmp_path, capsys):
     (tmp_path / "file").write_text("in the way")
     assert main(["simulator", "--out", str(tmp_path / "file")]) == 1
     assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)
+
+
+def test_bridge_shades_only_the_road_below_it():
+    drive = small_drive(0.0, motion=Motion(100.0))
+    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
+    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
+    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
+    assert ratio[under[1], under[0]].max() < 0.6
+    assert ratio[before[1], before[0]].min() > 0.9
+    assert ratio[beyond[1], beyond[0]].min() > 0.9

@@ -45,18 +45,6 @@ def test_truth_lies_on_the_paint_of_the_picture(curvature):
     assert abs(np.mean(errors)) < 0.1
 
 
-def test_truth_is_consistent():
-    truth = small_drive().truth(0.5)
-    row = truth_row(truth, frame=3)
-    assert row["offset_m"] == pytest.approx(0.3)
-    assert row["heading_rad"] == pytest.approx(-0.01)
-    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], rel=1e-3)
-    assert row["left_c1"] == pytest.approx(np.tan(row["heading_rad"]), abs=2e-4)
-    x = 5.0
-    cubic = row["left_c0_m"] + row["left_c1"] * x + row["left_c2_per_m"] * x**2 / 2 + row["left_c3_per_m2"] * x**3 / 6
-    assert row["left_y05_m"] == pytest.approx(cubic, abs=1e-3)
-
-
 @pytest.mark.parametrize("changes", [{"wander_m": 0.3}, {"shift_m": -3.6, "shift_start_s": 1.0, "shift_seconds": 3.0}])
 def test_the_heading_is_the_slope_of_the_path(changes):
     motion = Motion(0.0, 25.0, 0.1, wander_period_s=6.0, **changes)

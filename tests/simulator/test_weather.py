@@ -19,7 +19,7 @@ from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night, visible_lamps
 from simulator.weather.rain import Rain, Wet, windscreen_drops
-from tests.simulator.small_drive import PLAIN_LENS, SMALL, small_drive
+from tests.simulator.small_drive import SMALL, small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 WIDE_LINE = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
@@ -55,27 +55,6 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
     step_s = (1000.0 - 15.0) / 400.0
     shares = [(adapted(step_s + k * 0.8) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
-
-
-def test_automatic_exposure_brightens_below_the_bridge_and_overexposes_beyond():
-    road = np.s_[270:330, 250:400]
-    levels = []
-    for exposure in (None, AutoExposure(0.5, 0.8)):
-        drive = replace(under_bridge(lens=replace(PLAIN_LENS, adaptation=0.0)), exposure=exposure)
-        before, *later = (render_frame(drive, t).image[road].mean() for t in (1.0, 2.6, 3.3))
-        levels.append(later / before)
-    fixed, adapts = levels
-    assert fixed[0] < 0.25
-    assert adapts[0] > 1.5 * fixed[0] and adapts[1] > 1.1 * fixed[1]
-
-
-def test_bridge_hides_the_sky_and_no_lane_line():
-    drive = asphalt_drive(motion=Motion(60.0, 20.0, offset_m=0.3))
-    hidden = render_frame(replace(drive, objects=(BRIDGE,)), 1.5).hidden
-    s = np.linspace(8.0, 60.0, 30)
-    rays = drive.camera_at(1.5).road_to_pixels(np.column_stack([s, drive.truth(1.5).line_y(0, s)])).round().astype(int)
-    assert not hidden[rays[:, 1], rays[:, 0]].any()
-    assert hidden[:100].mean() > 0.5
 
 
 def linear_light(drive: Drive, monkeypatch) -> np.ndarray:

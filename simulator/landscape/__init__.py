@@ -1,1 +1,0 @@
-"""Sky, plants and distant landscape."""
