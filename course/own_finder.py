@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 
 from benchmark.evaluation import score_systems
 from benchmark.own_finder import OwnFinder
@@ -14,8 +14,10 @@ from benchmark.systems import TRACKER
 EVERY, TRACKER_EVERY = 10, 2
 
 
-def score_finders(finders: Mapping[str, OwnFinder | str], *, every: int = EVERY) -> dict[str, list[Row]]:
-    """Score finders on the three embedded videos: for each name three rows of the benchmark's table.
+def score_finders(
+    finders: Mapping[str, OwnFinder | str], *, every: int = EVERY
+) -> Iterator[tuple[str, dict[str, Row]]]:
+    """Score finders on the three embedded videos: after each, its scene and a row of the benchmark's table by name.
 
     Parameters
     ----------
@@ -27,8 +29,6 @@ def score_finders(finders: Mapping[str, OwnFinder | str], *, every: int = EVERY)
         Only each `every`-th frame is scored, of the tracker each second one; a finder with a memory needs all of them.
     """
     systems = {name: (find, TRACKER_EVERY if find == TRACKER else every) for name, find in finders.items()}
-    rows: dict[str, list[Row]] = {name: [] for name in finders}
     for scene, file in COMMITTED.items():
-        for row in score_systems(PROJECT_ROOT / "test_videos" / file, systems):
-            rows[row["system"]].append(row | {"scene": scene})
-    return rows
+        rows = score_systems(PROJECT_ROOT / "test_videos" / file, systems)
+        yield scene, {row["system"]: row | {"scene": scene} for row in rows}

@@ -24,7 +24,7 @@ def check_honest_finder(find: OwnFinder) -> Verdict:
         return hint(f"{min(used)} is the engine. Build your finder from your own parts: joint_finder and your mask.")
     if all(_first_lines(find, PROJECT_ROOT / "test_videos" / file) is None for file in COMMITTED.values()):
         return NOT_TRIED
-    rows = {row["scene"]: row for row in score_finders({"yours": find})["yours"]}
+    rows = {scene: scores["yours"] for scene, scores in score_finders({"yours": find})}
     reached = ", ".join(
         f"{scene} {row['accuracy']:.0%} right, {_wrong_share(row):.0%} wrong" for scene, row in rows.items()
     )
