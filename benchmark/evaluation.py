@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -72,8 +73,8 @@ def run_systems(
     """`run_system` for several systems, each with its `every`; the video is decoded once."""
     video = prepared.drive.require_video()
     fps = inspect_video(video).fps
-    options = {"settings": settings, "markings": prepared.markings}
-    started = [start_system(system, prepared.camera, fps / every, **options) for system, every in systems]
+    begin = partial(start_system, settings=settings, markings=prepared.markings)
+    started = [begin(system, prepared.camera, fps / every) for system, every in systems]
     estimates: list[list[LaneEstimate]] = [[] for _ in systems]
     time_ms: list[list[float]] = [[] for _ in systems]
     last_s: list[float | None] = [None for _ in systems]
