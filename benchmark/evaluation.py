@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import DriveEstimates
+from benchmark.estimates import DriveEstimates, LaneEstimate
 from benchmark.own_finder import OwnFinder
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
@@ -59,17 +60,34 @@ def run_system(
 
     `settings` are those of the tracker.
     """
+    return run_systems(prepared, [(system, every)], end_s=end_s, settings=settings)[0]
+
+
+def run_systems(
+    prepared: PreparedDrive,
+    systems: Sequence[tuple[str | OwnFinder, int]],
+    *,
+    end_s: float | None = None,
+    settings: TrackerSettings | None = None,
+) -> list[DriveEstimates]:
+    """`run_system` for several systems, each with its `every`; the video is decoded once."""
     video = prepared.drive.require_video()
-    fps = inspect_video(video).fps / every
-    find, to_estimate = start_system(system, prepared.camera, fps, settings=settings, markings=prepared.markings)
-    estimates, time_ms, last = [], [], None
-    for frame in islice(read_timed_frames(video, end_s=end_s), 0, None, every):
-        start = time.perf_counter()
-        found = find(frame.image, last and frame.time_s - last.time_s)
-        last = frame
-        time_ms.append(1000 * (time.perf_counter() - start))
-        estimates.append(to_estimate(found))
-    return DriveEstimates.from_frames(estimates, time_ms)
+    fps = inspect_video(video).fps
+    begin = partial(start_system, settings=settings, markings=prepared.markings)
+    started = [begin(system, prepared.camera, fps / every) for system, every in systems]
+    estimates: list[list[LaneEstimate]] = [[] for _ in systems]
+    time_ms: list[list[float]] = [[] for _ in systems]
+    last_s: list[float | None] = [None for _ in systems]
+    for number, frame in enumerate(read_timed_frames(video, end_s=end_s)):
+        for k, ((find, to_estimate), (_, every)) in enumerate(zip(started, systems, strict=True)):
+            if number % every:
+                continue
+            before_s, last_s[k] = last_s[k], frame.time_s
+            start = time.perf_counter()
+            found = find(frame.image, None if before_s is None else frame.time_s - before_s)
+            time_ms[k].append(1000 * (time.perf_counter() - start))
+            estimates[k].append(to_estimate(found))
+    return [DriveEstimates.from_frames(*each) for each in zip(estimates, time_ms, strict=True)]
 
 
 def score_video(
@@ -81,15 +99,27 @@ def score_video(
     the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
     ValueError if the system is unknown, or video and truth do not belong together.
     """
-    if not callable(system):
-        require_system(system)
-    prepared = prepare_drive(drive_from_video(video))
-    estimates = run_system(prepared, system, end_s=end_s, every=every)
-    truth = read_truth(prepared.drive).select(slice(0, len(estimates.offset_m) * every, every))
-    errors = frame_errors(estimates, truth, prepared.camera)
     label = name or (system.__name__ if callable(system) else system)
-    fps = inspect_video(video).fps / every
-    return score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors, fps=fps)])[0]
+    return score_systems(video, {label: (system, every)}, end_s=end_s)[0]
+
+
+def score_systems(
+    video: str | Path, systems: Mapping[str, tuple[str | OwnFinder, int]], *, end_s: float | None = None
+) -> list[Row]:
+    """`score_video` for several systems by name, each with its `every`; the video is decoded once."""
+    for system, _ in systems.values():
+        if not callable(system):
+            require_system(system)
+    prepared = prepare_drive(drive_from_video(video))
+    of_all_frames, fps = read_truth(prepared.drive), inspect_video(video).fps
+    found = run_systems(prepared, list(systems.values()), end_s=end_s)
+    rows = []
+    for (label, (_, every)), estimates in zip(systems.items(), found, strict=True):
+        truth = of_all_frames.select(slice(0, len(estimates.offset_m) * every, every))
+        errors = frame_errors(estimates, truth, prepared.camera)
+        # each alone: only systems on the same frames can be compared
+        rows += score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors, fps=fps / every)])
+    return rows
 
 
 def read_truth(drive: BenchmarkDrive) -> LaneTruth:

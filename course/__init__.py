@@ -13,7 +13,7 @@ from course.measures import lane_widths_px as lane_widths_px
 from course.measures import marking_precision as marking_precision
 from course.measures import marking_recall as marking_recall
 from course.measures import worst_lateral_error_m as worst_lateral_error_m
-from course.own_finder import score_finder as score_finder
+from course.own_finder import score_finders as score_finders
 from course.plots import plot_bars as plot_bars
 from course.plots import plot_series as plot_series
 from course.plots import road_axes as road_axes

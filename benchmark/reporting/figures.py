@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
 ERROR = "lateral error 5-20 m ahead, median to 95 % (m)"
 AVAILABLE, WRONG = "frames with an available lane (%)", "confident and wrong frames (%)"
-# Confidence from which the label of a point has no room to its right.
-EDGE = 0.95
 TRUTH_LOOK: dict[str, Any] = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Of the recipes and the tracker.
 MARKERS = "os^Dv"
@@ -107,19 +105,20 @@ def plot_ranges(
 
 
 def plot_reliability(bins: Reliability, *, title: str = "") -> tuple[Figure, Axes]:
-    """Plot a reliability diagram: accuracy against confidence, with the number of lanes at each point."""
+    """Plot a reliability diagram: accuracy against confidence, with the number of lanes above each point."""
     confidence, accuracy, low, high, count = bins
-    figure, (axes,) = new_figure(1, 1, (6, 5))
+    figure, (axes,) = new_figure(1, 1, (8, 6))
     axes.plot([0, 1], [0, 1], **TRUTH_LOOK)
     axes.errorbar(
         confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
     )
-    for x, y, lanes in zip(confidence, accuracy, count, strict=True):
-        # to the right of the point, or to its left at the edge
-        shift, side = (-6, "right") if x > EDGE else (6, "left")
-        look = {"ha": side, "va": "center", "fontsize": 8, "bbox": {"fc": "white", "ec": "none", "pad": 0.5}}
-        axes.annotate(f"{lanes}", (x, y), (shift, 0), textcoords="offset points", **look)
-    axes.set(xlabel="confidence", ylabel="accuracy: share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02))
-    axes.set_title(title, loc="left")
+    # above the axes and turned, because the points at the right are as close together as a line of text is high
+    above = {"transform": axes.get_xaxis_transform(), "rotation": 90, "ha": "center", "va": "bottom"}
+    for x, lanes in zip(confidence, count, strict=True):
+        axes.text(x, 1.02, f"{lanes}", **above)
+    axes.set(
+        xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
+    )
+    axes.set_title(title, loc="left", pad=40)
     axes.grid(alpha=0.3)
     return figure, axes

@@ -26,6 +26,8 @@ def check_best_ruler(worst_px: float, *, rows: np.ndarray, columns: np.ndarray) 
         return hint(f"{worst_px:.1f} px is a mean of the distances. Take the largest one.")
     if abs(abs(worst_px) - np.abs([misses.min(), misses.max()]).min()) < 0.05:
         return hint(f"{worst_px:.1f} px is the largest distance on one side only. Take the absolute values first.")
+    if abs(worst_px - worst / np.hypot(1, np.polyfit(rows, columns, 1)[0])) < 0.05:
+        return hint(f"{worst_px:.1f} px is the distance at right angles to the ruler. Measure along the row.")
     swapped = np.abs(np.polyval(np.polyfit(columns, rows, 1), columns) - rows).max()
     if abs(worst_px - swapped) < 0.05:
         return hint("you fitted the row as a function of the column. Swap the first two arguments of np.polyfit.")

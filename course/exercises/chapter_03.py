@@ -67,7 +67,7 @@ def _explain_difference(found_px: np.ndarray, raw_px: np.ndarray, true_px: np.nd
     (u, v), (column, row), (true_u, true_v) = raw_px[0], found_px[0], true_px[0]
     return (
         f"raw pixel ({u:.1f}, {v:.1f}): yours is ({column:.1f}, {row:.1f}), true is ({true_u:.1f}, {true_v:.1f}). In "
-        "each step x_d and y_d stay the same, and x, y and r are those of the last step."
+        "each step x_d and y_d stay the same, x and y are those of the last step, and r^2 = x^2 + y^2."
     )
 
 

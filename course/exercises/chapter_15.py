@@ -8,7 +8,7 @@ from benchmark.own_finder import Lines, OwnFinder
 from benchmark.scored_drive import COMMITTED, PROJECT_ROOT
 from benchmark.scores import Row
 from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
-from course.own_finder import score_finder
+from course.own_finder import score_finders
 from lanes.camera import load_camera
 from lanes.video.reader import read_video
 
@@ -24,7 +24,7 @@ def check_honest_finder(find: OwnFinder) -> Verdict:
         return hint(f"{min(used)} is the engine. Build your finder from your own parts: joint_finder and your mask.")
     if all(_first_lines(find, PROJECT_ROOT / "test_videos" / file) is None for file in COMMITTED.values()):
         return NOT_TRIED
-    rows = {row["scene"]: row for row in score_finder(find)}
+    rows = {scene: scores["yours"] for scene, scores in score_finders({"yours": find})}
     reached = ", ".join(
         f"{scene} {row['accuracy']:.0%} right, {_wrong_share(row):.0%} wrong" for scene, row in rows.items()
     )

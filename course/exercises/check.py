@@ -3,48 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from importlib import import_module
 
 import numpy as np
 
-from course.exercises import (
-    chapter_01,
-    chapter_02,
-    chapter_03,
-    chapter_04,
-    chapter_05,
-    chapter_06,
-    chapter_07,
-    chapter_08,
-    chapter_09,
-    chapter_10,
-    chapter_11,
-    chapter_12,
-    chapter_13,
-    chapter_14,
-    chapter_15,
-    chapter_16,
-)
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, hint
 
+CHAPTERS = range(1, 17)
 # Each check takes the answer and named arguments of the exercise, and returns a Verdict.
-CHECKS: Checks = {
-    **chapter_01.CHECKS,
-    **chapter_02.CHECKS,
-    **chapter_03.CHECKS,
-    **chapter_04.CHECKS,
-    **chapter_05.CHECKS,
-    **chapter_06.CHECKS,
-    **chapter_07.CHECKS,
-    **chapter_08.CHECKS,
-    **chapter_09.CHECKS,
-    **chapter_10.CHECKS,
-    **chapter_11.CHECKS,
-    **chapter_12.CHECKS,
-    **chapter_13.CHECKS,
-    **chapter_14.CHECKS,
-    **chapter_15.CHECKS,
-    **chapter_16.CHECKS,
-}
+CHECKS: Checks = {}
+for _chapter in CHAPTERS:
+    CHECKS |= import_module(f"course.exercises.chapter_{_chapter:02}").CHECKS
 
 
 def check_exercise(number: str, answer: object, **given: object) -> None:

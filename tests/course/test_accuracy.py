@@ -11,7 +11,7 @@ import pytest
 from benchmark.scored_drive import COMMITTED
 from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset, open_dataset
-from course.own_finder import score_finder
+from course.own_finder import score_finders
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
@@ -75,12 +75,13 @@ def test_two_lines_are_polynomials_in_metres():
     assert lines.lateral_m(np.array([0.0, 10.0])) == pytest.approx(np.array([[1.8, 2.1], [-1.8, -1.5]]))
 
 
-def test_a_finder_without_a_lane_scores_zero_in_its_own_column():
-    rows = score_finder(lambda image, camera: None, every=100, name="nothing")
-    assert [row["scene"] for row in rows] == list(COMMITTED)
-    assert [row["accuracy"] for row in rows] == [0, 0, 0]
-
-
-def test_a_system_of_the_benchmark_is_scored_by_its_name():
-    first, *_ = score_finder("detector", every=100)
-    assert first["system"] == "detector" and first["accuracy"] == 1
+def test_finders_are_scored_by_their_names():
+    calls = []
+    finders = {"nothing": lambda image, camera: calls.append(camera), "engine": "detector"}
+    scores = dict(score_finders(finders, every=100))
+    assert list(scores) == list(COMMITTED)
+    assert len(calls) == 9 and len({id(camera) for camera in calls}) == 3
+    for rows in scores.values():
+        assert {name: row["system"] for name, row in rows.items()} == {name: name for name in finders}
+        assert rows["nothing"]["accuracy"] == 0
+    assert scores["motorway"]["engine"]["accuracy"] == 1

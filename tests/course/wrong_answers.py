@@ -13,6 +13,7 @@ WRONG_ANSWERS["1.1"] = [
         "Swap the first two arguments",
     ),
     ("best_ruler_px = abs(ruler_miss).max()", "Fit all rows"),
+    (_ERRORS + "best_ruler_px = abs(errors).max() / np.hypot(1, best[0])", "Measure along the row"),
     (_ERRORS + "best_ruler_px = round(abs(errors).max())", "is rounded"),
     (_ERRORS + "best_ruler_px = np.ptp(errors) / 2", "Fit all rows"),
     (
@@ -67,6 +68,7 @@ WRONG_ANSWERS["3.1"] = [
     (_UNDISTORT.replace("/ radial", "* radial"), "the wrong way"),
     (_UNDISTORT.replace("(u - c_x)", "u").replace("(v - c_y)", "v"), "the principal point must stay"),
     (_UNDISTORT.replace("return f_x * x + c_x, f_y * y + c_y", "return x, y"), "the principal point must stay"),
+    (_UNDISTORT.replace("r2 = x**2 + y**2", "r2 = np.hypot(x, y)"), "r^2 = x^2 + y^2"),
     (_UNDISTORT.replace("(x_d - shift_x)", "(x - shift_x)").replace("range(20)", "range(3)"), "x_d and y_d stay"),
     ("def undistort_pixel(u, v, matrix, distortion):\n    return u", "return two numbers"),
 ]
@@ -142,6 +144,7 @@ WRONG_ANSWERS["6.2"] = [
     (_CLIMB.format(else_branch=""), "40% of the pixels"),
     (_CLIMB.format(else_branch="else: column -= step"), "with its sign"),
     (_CLIMB.format(else_branch="else: column -= abs(step)"), "leans right"),
+    (_CLIMB.replace("<= 80)", "<= 200)").format(else_branch=""), "keep their margin"),
     ("climb_and_coast = lambda binary, column: np.argwhere(binary)", "(column, row)"),
     ("climb_and_coast = lambda binary, column: np.argwhere(binary)[:, ::-1]", "another line"),
 ]
