@@ -131,18 +131,6 @@ def run_program(main: Callable[[], int]) -> None:
     sys.exit(main())
 
 
-@contextmanager
-def sigint_blocked() -> Iterator[None]:
-    """Delay Ctrl-C, which in a terminal reaches all processes; those started meanwhile inherit the blocked signal."""
-    # Python starts its resource tracker with the first process, and unblocks the signal after that.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 class _Unfailing(RawIOBase):
     """An output whose text is dropped from the moment on at which it cannot be written."""
 
