@@ -45,7 +45,7 @@ COLOURS: Mapping[str, canvas.Colour] = {
 NEAREST_M = 0.5
 # If the nearest marking is farther away than the view or the lower border begins, by this factor, the bonnet or a car
 # hides the road before it.
-HIDDEN_FACTOR = 1.3
+HIDDEN_FACTOR = 1.2
 # Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
 # sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
