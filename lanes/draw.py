@@ -9,6 +9,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -46,7 +47,7 @@ COLOURS: Mapping[str, canvas.Colour] = {
 NEAREST_M = 0.5
 # If the nearest marking is farther away than the view or the lower border begins, by this factor, the bonnet or a car
 # hides the road before it.
-HIDDEN_FACTOR = 1.3
+HIDDEN_FACTOR = 1.2
 # Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
 # sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
@@ -173,36 +174,46 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
     A line without markings ends with the other one. See `draw_lane`.
     """
-    likely, ends_m, start_m = lane.confidence >= LIKELY_CONFIDENCE, lane.ends_m, _start_m(lane, camera)
+    likely, start_m = lane.confidence >= LIKELY_CONFIDENCE, _start_m(lane, camera)
+    ends_m = [max(end_m, start_m) for end_m in lane.ends_m]
     farthest_m = max(ends_m)
     if farthest_m <= start_m:
         return LaneOutline(NO_POINTS, (NO_POINTS, NO_POINTS), (NO_POINTS, NO_POINTS))
-    along_m = np.unique([*start_m * (farthest_m / start_m) ** SHARES, *np.clip(ends_m, start_m, farthest_m)])
-    # both lines, the outer, and the inner edges of their ribbons
-    inwards_m = np.array([[0.0], [BESIDE_M], [BESIDE_M + thickness * RIBBON_M]])
-    sides = np.multiply(SIDES, 1 - 2 * inwards_m / lane.width_m)
-    pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(3, 2, -1, 2)
+    along_m = np.minimum(start_m * (farthest_m / start_m) ** SHARES, farthest_m)
+    along_m = np.sort(np.append(along_m, min(ends_m)))
+    # the outer edge of each ribbon, or the line that is dotted, and the inner edges
+    seen = [likely and line.seen for line in lane.lines]
+    inwards_m = np.array([np.where(seen, BESIDE_M, 0.0), np.full(2, BESIDE_M + thickness * RIBBON_M)])
+    sides = SIDES * (1 - 2 * inwards_m / lane.width_m)
+    pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(2, 2, -1, 2)
 
-    def polygon(lines: np.ndarray, end_m: float) -> np.ndarray:
-        first, second = (visible_part(line[along_m <= end_m]) for line in lines)
-        return np.vstack([first, second[::-1]])
+    counts = np.searchsorted(along_m, ends_m, side="right").tolist()
+
+    def polygon(lines: np.ndarray, count: int) -> np.ndarray:
+        first, second = (visible_part(line[:count]) for line in lines)
+        return np.concatenate([first, second[::-1]])
 
     ribbons, dotted = [NO_POINTS, NO_POINTS], [NO_POINTS, NO_POINTS]
-    for k, (line, end_m) in enumerate(zip(lane.lines, ends_m, strict=True)):
-        if likely and line.seen:
-            ribbons[k] = polygon(pixels[1:, k], end_m)
+    for k, count in enumerate(counts):
+        if seen[k]:
+            ribbons[k] = polygon(pixels[:, k], count)
         else:
-            dotted[k] = visible_part(pixels[0, k][along_m <= end_m])
-    area = polygon(pixels[2], min(ends_m)) if likely else NO_POINTS
+            dotted[k] = visible_part(pixels[0, k, :count])
+    area = polygon(pixels[1], min(counts)) if likely else NO_POINTS
     return LaneOutline(area, (ribbons[0], ribbons[1]), (dotted[0], dotted[1]))
 
 
 def _start_m(lane: Lane, camera: Camera) -> float:
     """Where the drawing begins: below the image, or at the nearest marking if the bonnet hides the road before it."""
     nearest_m = min(filter(None, (line.start_m for line in lane.lines)), default=0.0)
+    return nearest_m if nearest_m > HIDDEN_FACTOR * _first_seen_m(camera) else NEAREST_M
+
+
+@lru_cache(maxsize=4)
+def _first_seen_m(camera: Camera) -> float:
+    """Where the road begins in the image, and in the view."""
     border_m = camera.pixels_to_road(np.array([[camera.width / 2, camera.height - 1.0]]))[0, 0]
-    hidden = nearest_m > HIDDEN_FACTOR * np.fmax(border_m, BirdsEyeView.near_m)
-    return nearest_m if hidden else NEAREST_M
+    return float(np.fmax(border_m, BirdsEyeView.near_m))
 
 
 def describe_lane(lane: Lane | None) -> list[str]:

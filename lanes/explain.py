@@ -39,6 +39,8 @@ OTHER_PICTURES = (
 )
 # Rejected lanes that are described, best first.
 MAX_REJECTED = 3
+# A feature of the confidence that costs less, as log odds, is no weakness.
+MIN_LOSS = 1.0
 
 
 @dataclass(frozen=True)
@@ -326,7 +328,8 @@ def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
             "wrong. " + pose_advice,
         )
     losses = log_odds_losses(lane)
-    return _describe_weakness(lane, max(losses, key=losses.__getitem__), pose_advice)
+    feature = max(losses, key=losses.__getitem__)
+    return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "support", pose_advice)
 
 
 def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:
