@@ -58,8 +58,11 @@ const addPoint = () => changeActive([...(marks[active] || []), cursor.map((place
 async function go(step) {
   if (complete() && !still.saved[k] && !(await send(true))) return;
   await queue;
-  if (k + step in still.saved) await open(k + step);
-  else say(still.saved.includes(false) ? "No more stills this way; some are not labelled yet." : "All stills are labelled.");
+  const left = complete() || marks.every((mark) => !mark?.length) ? "" : `${still.raw_file} is incomplete: its points are kept, but it is no label.`;
+  if (k + step in still.saved) {
+    await open(k + step);
+    say(left);
+  } else say(still.saved.includes(false) ? "No more stills this way; some are not labelled yet." : "All stills are labelled.");
 }
 
 /** Save the label, then show our lines and how far they are from it. */
@@ -143,7 +146,8 @@ function draw() {
   for (const [colour, thick] of [["#000", 3], ["#fff", 1]]) stroke(`M${x - 14} ${y}h10m8 0h10M${x} ${y - 14}v10m0 8v10`, colour, thick);
   const words = (mark) => (mark === null ? "not visible" : mark.length + (mark.length === 1 ? " point" : " points"));
   write("progress", `Still ${k + 1} of ${still.saved.length}, ${still.saved.filter(Boolean).length} labelled`);
-  write("status", SIDES.map((side, line) => `${side} line: ${words(marks[line])}`).join(", ") + (still.saved[k] ? "; saved" : ""));
+  const none = marks.every((mark) => mark === null), each = SIDES.map((side, line) => `${side} line: ${words(marks[line])}`);
+  write("status", (none ? "no lane" : each.join(", ")) + (still.saved[k] ? "; saved" : ""));
   SIDES.forEach((side, line) => document.querySelector("." + side).setAttribute("aria-pressed", line === active));
 }
 

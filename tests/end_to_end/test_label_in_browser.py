@@ -144,12 +144,13 @@ def test_by_keyboard_alone(page, folder):
     page.press(Keys.ESCAPE)
     page.wait("marks[0].length === 1")
     page.press("n")  # incomplete: kept, not saved
-    page.wait("k === 3")
+    page.wait("k === 3 && document.getElementById('message').textContent.startsWith('2.png is incomplete')")
     label = next(json.loads(line) for line in (folder / "labels.jsonl").read_text().splitlines()[2:])
     assert label["raw_file"] == "2.png" and len(label["points"][0]) == 5
     page.press("p")
     page.wait("k === 2 && marks[0].length === 1 && !still.saved[2]")
     page.press("o")
+    page.wait("document.getElementById('status').textContent === 'no lane'")
     page.press("s")
     page.wait("still.saved[2] && ours")
     label = json.loads((folder / "labels.jsonl").read_text().splitlines()[2])

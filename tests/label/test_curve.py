@@ -34,6 +34,20 @@ def test_shaky_clicks_give_the_middle_of_a_bending_yellow_line(camera, time_s):
     assert both.sum() > 20 and np.median(error_px) < 0.5 and np.quantile(error_px, 0.95) < 2
 
 
+def test_worn_dashes_give_no_s_bends_between_them():
+    """Dashes whose ends are off by a pixel or so."""
+    rows, errors_px = label_rows(360), []
+    for seed in range(8):
+        rng, image = np.random.default_rng(seed), plain().copy()
+        line = np.polynomial.Polynomial([330 + 0.7 * 180 + 0.0012 * 180**2, -0.7 - 2 * 0.0012 * 180, 0.0012])
+        for row in range(190, 350, 32):
+            ends = [(round(line(v) + rng.normal(0, 1.0)), v) for v in (row, row + 10)]
+            cv2.line(image, *ends, (200, 200, 200), 5)
+        got = fit_line(image, [[line(row), row] for row in (190, 240, 290, 345)])
+        errors_px.append(np.abs(got - line(rows))[got >= 0])
+    assert np.quantile(np.concatenate(errors_px), 0.95) < 1.9
+
+
 def test_without_paint_the_points_decide_and_their_order_does_not():
     image, points = plain(), [[300.0, 200.0], [250.0, 250.0], [120.0, 350.0]]
     got, rows = fit_line(image, points), label_rows(360)
