@@ -72,7 +72,7 @@ def test_nothing_is_drawn_on_the_bonnet():
     first = round(pixels_at(9.0, 0.0)[0, 1])
     np.testing.assert_array_equal(drawn[first + 3 :], image[first + 3 :])
     assert (drawn[first - 10] != image[first - 10]).any()
-    assert 4.9 < min(line.start_m for line in lane.evidence) < 6.5
+    assert 4.0 < min(line.start_m for line in lane.evidence) < 6.5
 
 
 def test_each_line_ends_with_its_evidence_and_the_area_with_the_nearer_one():
@@ -81,7 +81,7 @@ def test_each_line_ends_with_its_evidence_and_the_area_with_the_nearer_one():
     lane = replace(lane, evidence=(replace(left, reach_m=24.0), replace(right, reach_m=14.0)))
     outline = lane_outline(lane, SMALL)
     for ribbon, end_m in zip(outline.ribbons, (24.0, 14.0), strict=True):
-        assert ribbon[:, 1].min() == pytest.approx(pixels_at(end_m, 0.0)[0, 1], abs=1.0)
+        assert ribbon[:, 1].min() == pytest.approx(pixels_at(end_m, 0.0)[0, 1], abs=1.5)
     assert outline.area[:, 1].min() == pytest.approx(pixels_at(14.0, 0.0)[0, 1], abs=1.0)
     # an inferred line ends with the other one, and is dotted
     inferred = replace(lane, evidence=(lane.evidence[0], LineEvidence()))

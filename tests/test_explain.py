@@ -94,15 +94,15 @@ class TestGoodImage:
         assert f"weakest    {words}" in weak.describe()
 
     def test_a_rejected_lane_has_its_lines_and_the_reason(self):
-        """The joints of a floor of tiles allow many lanes."""
-        text = explain(tiles_image(), CAMERA).describe()
+        """Two lines on the right: the middle between them is tried, too."""
+        text = explain(Road(CAMERA).lines(1.8, -1.4, -2.2, dash_m=(3.0, 9.0)).image(), CAMERA).describe()
         rejected = re.findall(r"rejected   lines at \+(\S+) and -(\S+) m: less paint near the car", text)
         assert rejected
         assert all(2.5 < float(left_m) + float(right_m) < 4.5 for left_m, right_m in rejected)
 
     def test_a_lane_without_weakness_has_none(self):
         text = explain(Road(CAMERA).lines(1.8, -1.8).image(), CAMERA).describe()
-        assert re.search(r"weakest    there is paint on 8\d% of the left and 8\d% of the right line\.", text)
+        assert re.search(r"weakest    there is paint on [89]\d% of the left and [89]\d% of the right line\.", text)
 
     def test_a_detection_that_is_given_is_not_made_again(self, good, monkeypatch):
         monkeypatch.delattr(sys.modules["lanes.explain"], "detect_still")
