@@ -139,7 +139,7 @@ class Fit:
         x_m = np.concatenate([x_m, beyond_m], axis=-1)
         last = (np.diff(x_m, append=2 * beyond_m) > self.settings.max_gap_m).argmax(axis=-1)
         ends_m = np.stack([x_m[..., 0], np.take_along_axis(x_m, last[..., None], axis=-1)[..., 0]], axis=-1)
-        marked = self.members.any(axis=-1)[..., None]
+        marked = self.members.any(axis=-1, keepdims=True)
         flat_m = np.where(marked, ends_m, 1.0).reshape(len(self.lanes), -1)
         on_road_m = intersect_ground(flat_m, self.lanes, self.view.height_m).x_m
         return np.where(marked, on_road_m.reshape(ends_m.shape), 0.0)
