@@ -410,10 +410,13 @@ def _summarise(
         width_ratio = height_m / float(np.exp(shown_log))
     doubtful = few or undecided
     log_std = max(log_std, PRIOR_HEIGHT_LOG_STD) if doubtful else log_std
-    (_, pitch_std_rad), (_, yaw_std_rad) = AHEAD
+    # with a doubtful pose, the images without a likely lane speak for any other direction
+    unseen, (pitch_std_rad, yaw_std_rad) = (1 - used / total) * doubtful, [std for _, std in AHEAD]
     if used:
-        pitch_std_rad = std_of_median(shown["pitch_rad"], PITCH_MOTION_STD_RAD)
-        yaw_std_rad = std_of_median(shown["yaw_rad"], HEADING_STD_RAD)
+        of_pitch = std_of_median(shown["pitch_rad"], PITCH_MOTION_STD_RAD)
+        of_yaw = std_of_median(shown["yaw_rad"], HEADING_STD_RAD)
+        pitch_std_rad = float(np.hypot(of_pitch, np.sqrt(unseen) * pitch_std_rad))
+        yaw_std_rad = float(np.hypot(of_yaw, np.sqrt(unseen) * yaw_std_rad))
     roll_known = bool(pose.roll_rad or np.isfinite(shown["roll_rad"]).any())
     return PoseEstimate(
         camera=camera,

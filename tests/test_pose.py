@@ -324,3 +324,10 @@ def test_description_words_the_signs_and_gives_standard_deviations():
         "note: roll <unknown>",
     ]
     assert repr(estimate).startswith("PoseEstimate(height 1.32 ± 0.04 m (lane 3.66 m wide), pitch 1.80 ± 0.06 deg ")
+
+
+@pytest.mark.parametrize(("roll_std_rad", "good_to"), [(0.0005, "3 cm"), (0.0175, "13 cm")])
+def test_the_stated_accuracy_contains_the_roll(roll_std_rad, good_to):
+    camera = CAMERA.with_pose(CameraPose(1.32))
+    estimate = PoseEstimate(camera, 0.04, 0.001, 0.002, roll_std_rad, 12, 40, 3.66)
+    assert f"offset and lane width to be good to {good_to} and 3% (lanes may be wider" in estimate.describe_accuracy()
