@@ -105,7 +105,7 @@ def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
 def test_an_assumed_field_of_view_is_a_warning(drive, tmp_path, run):
     status, out, err = run("annotate", drive / "stills", "-o", tmp_path)
     assert status == 0 and "lane found in 3" in out
-    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed: .{60,110} Give --hfov or --boards\.\n", err)
+    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed: .{60,130} Give --hfov or --boards\.\n", err)
 
 
 # --- pose

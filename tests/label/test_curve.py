@@ -45,7 +45,7 @@ def test_worn_dashes_give_no_s_bends_between_them():
             cv2.line(image, *ends, (200, 200, 200), 5)
         got = fit_line(image, [[line(row), row] for row in (190, 240, 290, 345)])
         errors_px.append(np.abs(got - line(rows))[got >= 0])
-    assert np.quantile(np.concatenate(errors_px), 0.95) < 1.9
+    assert np.quantile(np.concatenate(errors_px), 0.95) < 2.05
 
 
 def test_without_paint_the_points_decide_and_their_order_does_not():
