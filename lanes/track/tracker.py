@@ -83,6 +83,9 @@ class TrackerSettings:
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
+    # Without a likely lane the second and the third grow by this share a second, to at most this number of times.
+    slower_per_s: float = 1.0
+    slowest: float = 4.0
     challenger_margin: float = 0.1
     lost_comparisons: int = 3
     # Two lanes are the same if their lines lie within three of the known one's standard deviations of each other 6, 12
@@ -189,7 +192,7 @@ class LaneTracker:
         """Forget everything, as between two drives."""
         self._static = StaticPattern(self.view.shape[0], self._static_columns(self._views[-1].y_m)[-1] + 1)
         self._since_static_s, self._lane_moves = self.settings.static_period_s, False
-        self._since_pose_s = self.settings.pose_period_s
+        self._since_pose_s, self._unlikely_s = self.settings.pose_period_s, 0.0
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -260,13 +263,15 @@ class LaneTracker:
             self._compare(challenger)
             self._since_full_s *= not full
         self._since_pose_s += elapsed_s
+        likely = self._lane is not None and self._lane.confidence >= LIKELY_CONFIDENCE
+        self._unlikely_s = 0.0 if likely else self._unlikely_s + elapsed_s
         self._try_other_pose(image)
         return self._lane
 
     def _try_other_pose(self, image: np.ndarray) -> None:
         """While no lane is likely, look for one with a camera pose from this image alone, and go on with its pose."""
         confidence = self._lane.confidence if self._lane else 0.0
-        due = self._since_pose_s >= self.settings.pose_period_s
+        due = self._since_pose_s >= self._slower * self.settings.pose_period_s
         if self.find_pose is None or not due or confidence >= LIKELY_CONFIDENCE:
             return
         still = self.find_pose(image)
@@ -277,13 +282,18 @@ class LaneTracker:
             self._start(still.lane)
         self._since_pose_s = 0.0
 
+    @property
+    def _slower(self) -> float:
+        """How many times longer the periods are, because no likely lane was seen for some time."""
+        return min(1 + self.settings.slower_per_s * self._unlikely_s, self.settings.slowest)
+
     def _is_due(self) -> tuple[bool, bool]:
         """Whether to search this frame without memory, and whether in the evidence of the network, too."""
         s, lane = self.settings, self._lane
         seen = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
         sure = seen and lane is not None and lane.confidence >= SURE_CONFIDENCE
         # half a frame earlier, so that rounding does not skip one
-        full = self._since_full_s >= (s.search_period_s if sure else s.start_period_s) - 0.5 / self.fps
+        full = self._since_full_s >= (s.search_period_s if sure else self._slower * s.start_period_s) - 0.5 / self.fps
         return full or not seen, full
 
     def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
