@@ -81,7 +81,10 @@ class DriveSettings:
         """
         camera = self._intrinsics_for(size, file)
         offset_m = camera.offset_m if self.camera_offset_m is None else self.camera_offset_m
-        return replace(camera, offset_m=offset_m, car_width_m=self.car_width_m or camera.car_width_m)
+        car_width_m = self.car_width_m or camera.car_width_m
+        if (offset_m, car_width_m) == (camera.offset_m, camera.car_width_m):
+            return camera
+        return replace(camera, offset_m=offset_m, car_width_m=car_width_m)
 
     def _intrinsics_for(self, size: tuple[int, int], file: Path) -> Camera:
         given = self.camera or (self.field and self.field.source == GIVEN)
