@@ -205,7 +205,7 @@ def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
     table, lost = result.telemetry, result.telemetry["state"] == "lost"
     assert table["frame"].tolist() == list(range(15, 85)) and result.missing == 0
     np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-6)
-    assert lost[-9:].all() and "70 frames, lane tracked in" in result.description
+    assert lost[-9:].all() and "70 frames, confidence 0.9 or more in" in result.description
     assert f"lost for {lost.sum() / 25:.1f} s" in result.description
     assert "from 0.6 s to 3.4 s" in (tmp_path / "out" / "drive.html").read_text()
 
@@ -263,7 +263,7 @@ def test_stills_with_estimated_pose(tmp_path):
         write_image(tmp_path / f"{i}.png", BENDS.frame(i))
     (result,) = quietly(tmp_path, tmp_path / "out", SMALL.with_pose(None))
     assert result.pose.frames_total == 3
-    assert result.description.startswith("height") and "lane found in 3" in result.description
+    assert result.description.startswith("height") and "confidence 0.9 or more in 100%" in result.description
     assert result.telemetry["picture"].tolist() == ["0.png", "1.png", "2.png"]
     assert result.telemetry["offset_m"][0] == pytest.approx(BENDS.truth(0).offset_m, abs=0.1)
     assert (read_image(tmp_path / "out" / "0.png") != read_image(tmp_path / "0.png")).any()
