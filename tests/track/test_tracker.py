@@ -260,7 +260,8 @@ def test_a_jump_of_the_clock_resets_the_tracker(elapsed_s):
 @pytest.mark.parametrize("elapsed_s", [-5.0, np.nan, np.inf])
 def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s):
     asked: list[int] = []
-    tracker = LaneTracker(SMALL, fps=10, find_pose=lambda image: asked.append(1))
+    settings = TrackerSettings(slowest=1.0)
+    tracker = LaneTracker(SMALL, fps=10, find_pose=lambda image: asked.append(1), settings=settings)
     black = np.zeros_like(DRIVE.frame(0.0))
     tracker.update(black)
     tracker.update(black, elapsed_s=elapsed_s)
