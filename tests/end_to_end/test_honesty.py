@@ -54,7 +54,7 @@ def errors_of(scene: str) -> FrameErrors:
 
 
 def test_the_tracker_is_seldom_confident_and_wrong_on_the_committed_videos():
-    """Of the frames of all three, as in the published table: of one video, one frame is more than the promised share."""
+    """Of the frames of all three, as in the published table: one frame of one video is more than this share."""
     errors = [errors_of(scene) for scene in COMMITTED]
     assert [len(of_scene.available) for of_scene in errors] == [round(25 * (END_S - BEGIN_S))] * len(COMMITTED)
     assert np.concatenate([of_scene.confident_and_wrong for of_scene in errors]).mean() <= PROMISED["lane"]
