@@ -83,8 +83,8 @@ class TrackerSettings:
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
-    # Without a likely lane the second and the third grow by this share a second, to at most this number of times.
-    slower_per_s: float = 1.0
+    # After this time without a likely lane the second and the third grow with it, to at most this number of times.
+    patience_s: float = 5.0
     slowest: float = 4.0
     challenger_margin: float = 0.1
     lost_comparisons: int = 3
@@ -285,7 +285,7 @@ class LaneTracker:
     @property
     def _slower(self) -> float:
         """How many times longer the periods are, because no likely lane was seen for some time."""
-        return min(1 + self.settings.slower_per_s * self._unlikely_s, self.settings.slowest)
+        return min(max(self._unlikely_s / self.settings.patience_s, 1.0), self.settings.slowest)
 
     def _is_due(self) -> tuple[bool, bool]:
         """Whether to search this frame without memory, and whether in the evidence of the network, too."""
