@@ -400,7 +400,7 @@ def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera)
     for column, outline in zip(columns, outlines, strict=True):
         if len(outline):
             across, up = np.abs(np.diff(outline, axis=0)).T
-            inside = ((outline >= 0) & (outline < camera.size)).all(axis=1)[1:]
+            inside = ((outline[1:] >= 0) & (outline[1:] < camera.size)).all(axis=1)
             end = int(np.append(inside & (across > MAX_COLUMNS_PER_ROW * up), True).argmax()) + 1
             column[:] = np.interp(rows, outline[:end][::-1, 1], outline[:end][::-1, 0], left=-2, right=-2)
     return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
