@@ -311,9 +311,9 @@ def detect_in_drive(
 ) -> tuple[StillDetection, PoseEstimate | None]:
     """What is found in an image of a drive, and the pose estimate that it was found with.
 
-    `drive` is the estimate that `ensure_pose` returned with the camera; None if the pose is known. The pitch of the
-    image differs a little from that of the drive, so poses near it are tried. If they show no sure lane, so is the pose
-    of the image alone, and the more probable lane is taken. Errors are those of `find_lane`.
+    `drive` is the estimate that `ensure_pose` returned with the camera; None if the pose is known. If it shows no
+    sure lane, the pose of the image alone is tried, too, and the more probable lane is taken. Errors are those of
+    `find_lane`.
     """
     if drive is None:
         return detect_still(image, camera, settings, markings=markings), None

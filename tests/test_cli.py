@@ -22,7 +22,6 @@ from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
-from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.painted_roads import YELLOW, Road, dashcam, paint_motorway
 from tests.support.project import names
@@ -45,20 +44,6 @@ def drive(tmp_path_factory) -> Path:
     sky = write_image(folder / "sky" / "sky.png", np.full((360, 640, 3), 200, np.uint8))
     (folder / "cut.png").write_bytes(sky.read_bytes()[: sky.stat().st_size // 2])
     return folder
-
-
-@pytest.fixture
-def run(capsys):
-    """A function that runs a command; returns its exit status, stdout and stderr."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        try:
-            status = main([str(argument) for argument in arguments])
-        except SystemExit as stop:  # wrong usage
-            status = stop.code
-        return status, *capsys.readouterr()
-
-    return run
 
 
 # --- annotate

@@ -328,6 +328,8 @@ def mosaic(image: np.ndarray, pattern: str) -> np.ndarray:
         ("bgr16", SMOOTH[..., ::-1].astype(np.uint16) << 8, 0),
         ("bayer_grbg16", lambda: mosaic(SMOOTH.astype(np.uint16) << 8, "grbg"), 6),
         ("bayer_bggr12", lambda: mosaic(SMOOTH.astype(np.uint16) << 4, "bggr"), 6),
+        ("bayer_rggb8", lambda: mosaic(SMOOTH, "rggb"), 6),
+        ("bayer_gbrg8", lambda: mosaic(SMOOTH, "gbrg"), 6),
     ],
 )
 def test_encodings_of_drivers_give_the_same_picture(tmp_path, encoding, made, tolerance):
@@ -475,6 +477,13 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name)
     assert [frame.number for frame in frames] == list(range(12)) and inspect_video(path).missing == 0
     assert [frame.time_s for frame in frames] == pytest.approx(np.arange(12) / 25)
     assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.32)] == [5, 6, 7]
+
+
+@pytest.mark.parametrize("stamp", [0, 1234567890_000_000_000])
+def test_constant_stamps_give_way_to_the_times_of_the_recording(tmp_path, stamp):
+    path = write_stamped(tmp_path / "drive.mcap", [stamp] * 30, logs.stamps_at(np.arange(30) / 30))
+    assert inspect_video(path).fps == pytest.approx(30, abs=0.01)
+    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(30) / 30, abs=1e-6)
 
 
 @pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, 3600.0, -5.0])

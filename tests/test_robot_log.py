@@ -348,6 +348,19 @@ def test_a_log_that_was_cut_off_ends_with_a_sentence(tmp_path, kind, share):
         inspect_video(path)
 
 
+def test_an_encrypted_log_ends_with_a_sentence(tmp_path):
+    path = logs.write_log(tmp_path / "drive.bag", TINY, np.arange(6) / 10)
+    version, data = path.read_bytes().split(b"\n", 1)
+    field = b"\x20\0\0\0encryptor=rosbag/AesCbcEncryptor"
+    # the header of the bag is padded to 4096 bytes: a field is added, and as much of the padding is removed
+    end = 4 + int.from_bytes(data[:4], "little")
+    header = (end - 4 + len(field)).to_bytes(4, "little") + data[4:end] + field
+    padding = (int.from_bytes(data[end : end + 4], "little") - len(field)).to_bytes(4, "little")
+    path.write_bytes(version + b"\n" + header + padding + data[end + 4 + len(field) :])
+    with pytest.raises(VideoError, match=r"drive\.bag: is cut off, damaged, encrypted.*AesCbcEncryptor.*; copy it"):
+        inspect_video(path)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_log_without_images_ends_with_a_sentence(tmp_path, kind):
     types = (logs.ROS1 if kind.endswith(".bag") else logs.ROS2).types

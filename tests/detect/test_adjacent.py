@@ -39,9 +39,7 @@ def test_the_far_lines_of_the_stills_lie_on_their_markings():
     for name, drive in still_scenes().items():
         lane = find_lane(read_image(ROOT / "test_images" / f"{name}.jpg"), drive.camera)
         painted = [far if far and far.kind != ROAD_EDGE else None for far in lane.adjacent]
-        assert [side for side, far in zip(SIDES, painted, strict=True) if far] == [
-            side for side in SIDES if side == sides.get(name)
-        ], name
+        assert [far is not None for far in painted] == [side == sides.get(name) for side in SIDES], name
         for side, far in zip(SIDES, painted, strict=True):
             if far:
                 x_m = np.linspace(8.0, min(far.reach_m, 60.0), 20)
