@@ -203,7 +203,7 @@ class LaneTracker:
         self._lane: Lane | None = None
         self._state = LOST
         self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
-        self._unseen_s, self._since_full_s = 0.0, self.settings.search_period_s
+        self._unseen_s, self._since_search_s = 0.0, self.settings.search_period_s
         self._departure = DepartureWatch()
 
     def __repr__(self) -> str:
@@ -241,7 +241,7 @@ class LaneTracker:
             elapsed_s = max(0.0, elapsed_s)
         self._frames += 1
         self.search = None
-        self._since_full_s += elapsed_s
+        self._since_search_s += elapsed_s
         search, full = self._is_due()
         view = self._narrowest_view(self._lane, self.view if search else self._views[0])
         mask = find_mask(image, self.markings)
@@ -261,7 +261,6 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._compare(challenger)
-            self._since_full_s *= not full
         self._since_pose_s += elapsed_s
         likely = self._lane is not None and self._lane.confidence >= LIKELY_CONFIDENCE
         self._unlikely_s = 0.0 if likely else self._unlikely_s + elapsed_s
@@ -293,8 +292,10 @@ class LaneTracker:
         seen = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
         sure = seen and lane is not None and lane.confidence >= SURE_CONFIDENCE
         # half a frame earlier, so that rounding does not skip one
-        full = self._since_full_s >= (s.search_period_s if sure else self._slower * s.start_period_s) - 0.5 / self.fps
-        return full or not seen, full
+        due = self._since_search_s >= (s.search_period_s if sure else self._slower * s.start_period_s) - 0.5 / self.fps
+        if due:
+            self._since_search_s = 0.0
+        return due or not seen, due and not sure
 
     def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
         """Take the updated estimate; coast on it if the lane is not seen, or give it up."""
