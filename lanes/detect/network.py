@@ -3,8 +3,8 @@
 A worn line and a row of Botts' dots are too faint in each row of the view for the band filter, but they line up over
 many rows. The network sees three rows of a finer view for each row, and its surroundings: 47 rows, and 1.8 m to either
 side. Its second output is the probability of an edge of the road. It has learned from rendered images only
-(`tools/train_marking_network.py`). It takes much longer than the band filter: the tracker uses it in
-one search a second, and in five while no sure lane is tracked.
+(`tools/train_marking_network.py`). It takes much longer than the band filter: the tracker
+uses it in five searches a second, while no sure lane is tracked.
 """
 
 from __future__ import annotations

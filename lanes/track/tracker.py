@@ -77,7 +77,7 @@ class TrackerSettings:
     min_total_support: float = 0.06
     max_std_m: float = 0.4
     max_std_at_m: float = 15.0
-    # Periods of searches with the network while a sure lane is tracked, and otherwise; while none is seen, each frame
+    # Periods of searches while a sure lane is tracked, and, with the network, otherwise; while none is seen, each frame
     # is searched with the band filter. The third is for lanes looked for with a camera pose of their own. A track is
     # given up after a number of consecutive searches that found another lane whose score is larger by a margin.
     search_period_s: float = 1.0
@@ -287,7 +287,7 @@ class LaneTracker:
         return min(max(self._unlikely_s / self.settings.patience_s, 1.0), self.settings.slowest)
 
     def _is_due(self) -> tuple[bool, bool]:
-        """Whether to search this frame without memory, and whether in the evidence of the network, too."""
+        """Whether to search this frame without memory, and whether with the network, too."""
         s, lane = self.settings, self._lane
         seen = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
         sure = seen and lane is not None and lane.confidence >= SURE_CONFIDENCE
