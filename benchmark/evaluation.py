@@ -20,7 +20,7 @@ from lanes.camera import Camera, load_camera
 from lanes.detect.markings import Markings
 from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_timed_frames
 
 

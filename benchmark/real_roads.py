@@ -21,17 +21,17 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.labelled_stills import check_lane
-from lanes.annotate import make_tracker, track_frames
 from lanes.camera import Camera, load_camera
 from lanes.console import bounded
 from lanes.detect.lane import Lane
+from lanes.drive import make_tracker, track_frames
 from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
 from lanes.score import PictureScore, reliability, score_picture
 from lanes.sources import find_sources, sample_images
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from lanes.video.process import read_frames
 from lanes.video.reader import inspect_video
 from simulator.processes import run_all

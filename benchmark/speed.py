@@ -26,7 +26,7 @@ from lanes.camera import Camera, load_camera
 from lanes.describe import format_table
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.container import frame_rate, open_video
 from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_video

@@ -19,13 +19,13 @@ import numpy as np
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
-from lanes import camera, detect, stills, track
+from lanes import camera, detect, stills, tracking
 from lanes.camera import Camera
 from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
 
 TRACKER, DETECTOR = "tracker", "detector"
 RECIPE_SYSTEMS = (*RECIPES, *(name + POSE_SUFFIX for name in RECIPES))
@@ -35,7 +35,7 @@ STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Files and folders that the estimates of a system depend on.
 _CAMERA, _STILLS = Path(inspect.getfile(camera)), Path(inspect.getfile(stills))
 _HELPERS = Path(inspect.getfile(LaneFinder))
-_DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, track))
+_DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 

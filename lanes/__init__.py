@@ -18,7 +18,7 @@ For videos see `track` and `annotate`, for other cameras `calibrate` and `estima
 
 # isort: skip_file
 # Three functions have the names of the modules that they come from. They are bound here, after these modules were
-# loaded, so that `lanes.track` is the function; `from lanes.track.tracker import ...` works as well.
+# loaded, so that `lanes.track` is the function; `from lanes.tracking.tracker import ...` works as well.
 from lanes.console import require_opencv
 
 require_opencv()  # before modules that use what only OpenCV 5 has
@@ -30,10 +30,10 @@ from lanes.calibration import calibrate
 from lanes.pose import estimate_pose
 from lanes.detect.lane import Lane, Line
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from lanes.draw import draw_lane
-from lanes.explain import explain
-from lanes.annotate import annotate, track
+from lanes.explanation import explain
+from lanes.drive import annotate, track
 from lanes.video.process import process_video
 from lanes.video.reader import TimedFrame, read_video
 

@@ -19,7 +19,6 @@ from pathlib import Path
 import numpy as np
 
 from lanes import __version__
-from lanes.annotate import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
 from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
@@ -27,8 +26,9 @@ from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video
 from lanes.draw import STYLES
+from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.errors import CameraError, LaneError, PoseError
-from lanes.explain import explain, explain_tracked
+from lanes.explanation import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
 from lanes.images import kind_of_file, read_image, write_image

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from lanes.annotate import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames
 from lanes.camera import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
+from lanes.drive import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames
 from lanes.errors import LaneError
 from lanes.images import read_image
 from lanes.labels import NO_POINT

@@ -24,7 +24,7 @@ from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.lane import Lane, project_lines, telemetry_row, visible_part
 from lanes.detect.paint import PAINT
 from lanes.detect.road import SIDES, lines_on_view
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 
 Row = dict[str, str | float | None]
 # What each style draws.

@@ -24,7 +24,7 @@ from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.detect.search import Search
 from lanes.detect.votes import VOTES
 from lanes.draw import draw_lane
-from lanes.explain import Explanation
+from lanes.explanation import Explanation
 from lanes.files import write_atomically
 from lanes.stills import StillDetection
 

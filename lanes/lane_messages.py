@@ -22,7 +22,7 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import road_height
 from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translate_write_errors
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.robot_log import LogIndex
 
 TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}

@@ -13,7 +13,7 @@ from lanes.detect.evidence import find_evidence
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.draw import BESIDE_M, COLOURS, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline, track_lane
 from lanes.errors import PictureError
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 from tests.support.shapes import a_lane
 

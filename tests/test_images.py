@@ -15,10 +15,10 @@ from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.draw import draw_lane
 from lanes.errors import PictureError
-from lanes.explain import explain
+from lanes.explanation import explain
 from lanes.images import read_image, require_rgb, write_image
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 from tests.support.bad_files import jpeg_claiming

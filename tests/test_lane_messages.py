@@ -7,8 +7,8 @@ import tempfile
 import numpy as np
 import pytest
 
-from lanes.annotate import DriveSettings, annotate_drive
 from lanes.camera import save_camera
+from lanes.drive import DriveSettings, annotate_drive
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import names

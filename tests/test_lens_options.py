@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.annotate import annotate
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.drive import annotate
 from lanes.files import read_telemetry
 from lanes.images import write_image
 from tests.support.clips import write_clip, write_drive

@@ -15,8 +15,8 @@ import pytest
 import yaml
 from PIL import Image
 
-from lanes.annotate import DriveSettings
 from lanes.camera import save_camera
+from lanes.drive import DriveSettings
 from lanes.errors import VideoError
 from lanes.field_of_view import read_log_camera
 from lanes.files import read_telemetry

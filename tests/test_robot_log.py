@@ -11,9 +11,9 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.annotate import DriveSettings, annotate_drive
 from lanes.camera import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
+from lanes.drive import DriveSettings, annotate_drive
 from lanes.errors import LaneError, VideoError
 from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry

@@ -31,8 +31,8 @@ from benchmark.scores import score
 from benchmark.systems import TRACKER
 from lanes.console import bounded, progress_line
 from lanes.detect.fit import FIT
-from lanes.track.filter import FILTER
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.filter import FILTER
+from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
 from simulator.rendering.video import VIDEO_FPS
 

@@ -22,7 +22,7 @@ from PIL import Image
 from benchmark.scored_drive import PROJECT_ROOT
 from course.sketch import sketch
 from lanes.camera import Camera, load_camera
-from lanes.explain import explain
+from lanes.explanation import explain
 from lanes.figures import save_figure, show_explanation
 from lanes.files import write_atomically
 from lanes.images import read_image

@@ -38,7 +38,7 @@ from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from lanes.video.reader import inspect_video, read_video
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion

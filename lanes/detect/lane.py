@@ -33,8 +33,8 @@ from lanes.detect.road import (
 from lanes.values import ByValue
 
 if TYPE_CHECKING:
-    from lanes.track.departure import Departure
-    from lanes.track.filter import CarMotion
+    from lanes.tracking.departure import Departure
+    from lanes.tracking.filter import CarMotion
 
 # States of a lane: detected in a single image; tracked, but not yet confirmed; tracked; predicted while not seen.
 FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasting"

@@ -16,8 +16,8 @@ from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
-from lanes.annotate import DriveSettings, detect_stills
 from lanes.detections import as_detection
+from lanes.drive import DriveSettings, detect_stills
 from lanes.errors import LaneError
 from lanes.files import locked, translate_write_errors
 from lanes.label.curve import label_rows

@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.annotate import DriveSettings
+from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_text, write_json_lines
 from lanes.images import read_image, write_image

@@ -26,7 +26,7 @@ from lanes.detect.road import lines_on_view
 from lanes.images import write_image
 from lanes.labels import NO_POINT, LaneColumns
 from lanes.score import score_picture
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.shapes import a_lane

@@ -12,7 +12,7 @@ from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, Line, LineEvidence, tel
 from lanes.detect.road import SIDES
 from lanes.images import read_image
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import line_lateral
 from simulator.scenes.dashcam import DASHCAM as COURSE_CAMERA

@@ -14,20 +14,20 @@ import lanes
 from benchmark.evaluation import prepare_drive
 from benchmark.runner import cached_estimates
 from benchmark.scored_drive import drive_from_video
-from lanes.annotate import DriveSettings
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import SURE_CONFIDENCE
 from lanes.detect.evidence import find_evidence
 from lanes.detect.markings import Mask, find_mask, load_markings, thin
 from lanes.detect.network import network_strengths
 from lanes.detect.paint import lightness, strength_weight
+from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry, read_text
 from lanes.images import write_image
 from lanes.many import fingerprint
 from lanes.pose import estimate_pose
 from lanes.stills import detect_still
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.command_line import main

@@ -16,7 +16,7 @@ from lanes.detect.lane import TRACKING
 from lanes.draw import draw_lane
 from lanes.images import opencv_threads
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 

@@ -24,7 +24,7 @@ from benchmark.scored_drive import COMMITTED, list_drives
 from benchmark.scores import Row
 from benchmark.systems import TRACKER, start_system
 from lanes.camera import Camera, CameraPose, load_camera
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import inspect_video, read_video
 from simulator.scenes.suite import SUITE
 from tests.support.painted_drive import SMALL, TAR, PaintedDrive, Stripe, s_bend

@@ -14,7 +14,7 @@ from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import finer_view
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam

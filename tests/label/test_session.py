@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from lanes.annotate import DriveSettings
+from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.images import read_image, write_image
 from lanes.label.session import Session, pick_stills

@@ -19,7 +19,7 @@ from lanes.detect.road import WIDTH
 from lanes.detections import as_detection
 from lanes.errors import CameraError
 from lanes.stills import detect_still, detect_with_own_pose, find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
 

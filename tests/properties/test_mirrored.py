@@ -15,7 +15,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.paint import marking_response
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_video
 from tests.support.any_pictures import camera_of, pictures
 from tests.support.examples import examples

@@ -11,7 +11,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT
 from lanes.detect.paint import Stripes
 from lanes.detect.road import PARAMETERS, SIDES, lateral_gradients, line_points
-from lanes.track.filter import (
+from lanes.tracking.filter import (
     FILTER,
     State,
     initial_state,
@@ -21,7 +21,7 @@ from lanes.track.filter import (
     update,
     with_given_speed,
 )
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from tests.support.examples import TIMES
 from tests.support.painted_drive import CAMERA
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.stills import find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)

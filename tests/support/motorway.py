@@ -14,7 +14,7 @@ from benchmark.scored_drive import list_drives
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.lane import Lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_video
 
 FPS = 25.0

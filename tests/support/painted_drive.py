@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.lane import Lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.truth import Truth, lane_truth

@@ -13,10 +13,10 @@ import pytest
 from lanes.camera import Camera
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.errors import CameraError, PictureError
-from lanes.explain import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
+from lanes.explanation import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
 from lanes.figures import show_explanation
 from lanes.stills import detect_with_own_pose, find_lane
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 from tests.support.painted_roads import ASPHALT, YELLOW, Road, dashcam
@@ -105,7 +105,7 @@ class TestGoodImage:
         assert re.search(r"weakest    there is paint on [89]\d% of the left and [89]\d% of the right line\.", text)
 
     def test_a_detection_that_is_given_is_not_made_again(self, good, monkeypatch):
-        monkeypatch.delattr(sys.modules["lanes.explain"], "detect_still")
+        monkeypatch.delattr(sys.modules["lanes.explanation"], "detect_still")
         assert explain(good.image, CAMERA, detection=good.detection).describe() == good.describe()
 
 

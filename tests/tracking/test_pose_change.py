@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lanes.detect.lane import telemetry_row
-from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import PaintedDrive, lane_lines, s_bend
 

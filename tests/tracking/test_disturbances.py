@@ -10,7 +10,7 @@ import pytest
 
 from benchmark.estimates import AHEAD_M
 from lanes.detect.lane import TRACKING
-from lanes.track.tracker import TrackerSettings
+from lanes.tracking.tracker import TrackerSettings
 from tests.support.motorway import FPS, Motorway, Step
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 from lanes.camera import CAR_WIDTH_M, Camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, WIDTH, line_coefficients
-from lanes.track.filter import CarMotion
+from lanes.tracking.filter import CarMotion
 
 # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
 # are perceived as false.

@@ -9,9 +9,9 @@ import pytest
 
 from lanes.camera import Camera
 from lanes.detect.road import CENTRE
-from lanes.track.departure import Departure, DepartureWatch, describe_crossings, watch_departure
-from lanes.track.filter import CarMotion
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.departure import Departure, DepartureWatch, describe_crossings, watch_departure
+from lanes.tracking.filter import CarMotion
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, straight_road
 from tests.support.shapes import a_lane

@@ -11,8 +11,8 @@ import pytest
 
 from benchmark.errors import FrameErrors
 from lanes.detect.lane import TRACKING, Lane
-from lanes.track.static_pattern import StaticPattern
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.static_pattern import StaticPattern
+from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.motorway import FPS, Motorway
 from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road

@@ -35,8 +35,8 @@ from lanes.detect.search import (
     search_lane,
 )
 from lanes.errors import LaneError, require_number, require_type
-from lanes.track.departure import DepartureWatch
-from lanes.track.filter import (
+from lanes.tracking.departure import DepartureWatch
+from lanes.tracking.filter import (
     CAMERA_YAW,
     SPEED,
     FilterSettings,
@@ -50,7 +50,7 @@ from lanes.track.filter import (
     with_given_speed,
     without_wrong_yaw,
 )
-from lanes.track.static_pattern import StaticPattern
+from lanes.tracking.static_pattern import StaticPattern
 
 if TYPE_CHECKING:
     from lanes.stills import StillDetection

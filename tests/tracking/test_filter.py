@@ -22,7 +22,7 @@ from lanes.detect.road import (
     line_y,
     road_height,
 )
-from lanes.track.filter import (
+from lanes.tracking.filter import (
     CAMERA_YAW,
     LANE,
     PATH,

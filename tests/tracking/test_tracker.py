@@ -14,8 +14,8 @@ from lanes.detect.lane import Lane
 from lanes.detect.road import SIDES
 from lanes.detect.search import DetectorSettings
 from lanes.errors import CameraError, LaneError, PictureError
-from lanes.track.filter import FilterSettings
-from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.tracking.filter import FilterSettings
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.rendering.drive import Motion
 from simulator.road.truth import Truth
 from tests.support.painted_drive import (

@@ -35,9 +35,9 @@ from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, 
 from lanes.report.page import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.stills import StillDetection
-from lanes.track.departure import describe_crossings
-from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.track.tracker import LaneTracker, TrackerSettings
+from lanes.tracking.departure import describe_crossings
+from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from lanes.values import ByValue
 from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames

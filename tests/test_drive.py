@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.annotate import Annotation, DriveSettings, annotate, track
 from lanes.camera import Camera, CameraPose, save_camera
 from lanes.detections import detect_in_video
+from lanes.drive import Annotation, DriveSettings, annotate, track
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image

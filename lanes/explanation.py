@@ -25,8 +25,8 @@ from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lan
 from lanes.detect.search import Search
 from lanes.errors import CameraError
 from lanes.stills import StillDetection, detect_still
-from lanes.track.pose_change import describe_wrong_yaw
-from lanes.track.tracker import LaneTracker
+from lanes.tracking.pose_change import describe_wrong_yaw
+from lanes.tracking.tracker import LaneTracker
 from lanes.values import ByValue
 from lanes.video.reader import TimedFrame
 
