@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor
-from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, Line, LineEvidence, telemetry_row
+from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, LineEvidence, telemetry_row
 from lanes.detect.road import SIDES
 from lanes.images import read_image
 from lanes.stills import find_lane
@@ -59,11 +59,6 @@ def country_road() -> Road:
     return Road(DASHCAM).lines(2.0, colour=YELLOW, dash_m=(3.0, 12.0)).lines(-1.5)
 
 
-def test_a_road_of_two_lanes_without_edge_lines_has_none():
-    lane = find_lane(country_road().image(), DASHCAM)
-    assert lane.confidence > LIKELY_CONFIDENCE and lane.adjacent == (None, None)
-
-
 @pytest.mark.parametrize("dash_m", [(4.0, 200.0), (1.0, 28.0)], ids=["one dash", "short dashes"])
 def test_little_paint_is_no_line(dash_m):
     lane = find_lane(country_road().line(lambda x: 5.5 + 0 * x, dash_m=dash_m, phase_m=14.0).image(), DASHCAM)
@@ -100,12 +95,6 @@ def test_far_lines_are_those_of_the_fit_with_its_uncertainty():
     assert lost["far_left_c0_m"] is lost["far_right_c0_m"] is None
 
 
-def test_far_lines_of_a_double_line_are_measured_from_its_centre():
-    lane = a_lane_with_far_lines()
-    inner = replace(lane, model=a_lane(centre=-0.1, width=3.3))
-    assert [far.offset_m for far in inner.adjacent] == [far.offset_m for far in lane.adjacent]
-
-
 def test_an_uncertain_or_coasting_lane_states_none():
     lane = a_lane_with_far_lines()
     assert None not in lane.adjacent
@@ -114,61 +103,25 @@ def test_an_uncertain_or_coasting_lane_states_none():
     assert doubtful.confidence < LIKELY_CONFIDENCE and doubtful.adjacent == (None, None)
 
 
-LINES_M, SPEED_MPS, FPS = (5.4, 1.8, -1.8, -5.4, -9.0), 20.0, 12.5
+LINES_M, FPS = (5.4, 1.8, -1.8, -5.4, -9.0), 12.5
 
 
-@pytest.fixture(scope="module")
-def followed() -> list[tuple[float, Lane, float]]:
-    """(time, lane, lateral position of the car) of each frame of a drive on a road of four lanes.
-
-    The car changes to the next lane on the right from 1.2 to 3.7 s, and the last frames, from 5.2 s on, are black.
-    """
+def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
+    """Four lanes; the car changes to the next one on the right from 1.2 to 3.7 s, and from 5.2 s on all is black."""
     edges = {5.4: {"colour": WORN_YELLOW}, -9.0: {}}
     lines = tuple(Stripe(y_m, **edges.get(y_m, {"dash_m": DASH_M, "phase_m": -y_m})) for y_m in LINES_M)
     change = {"drift_mps": -1.44, "drift_s": (1.2, 3.7), "black_s": (5.2, np.inf)}
-    motion, camera = Motion(speed_mps=SPEED_MPS), CAMERA.scaled((640, 360))
-    drive = PaintedDrive(straight_road(), lines, motion, camera=camera, **change)
-    tracker = LaneTracker(drive.camera, fps=FPS)
-    times = np.arange(round(5.7 * FPS)) / FPS
-    return [(t, tracker.update(drive.frame(t)), drive.pose(t).lateral_m) for t in times]
-
-
-def stated(followed: list[tuple[float, Lane, float]]) -> list[tuple[float, float, float, Line]]:
-    """(time, lateral position of the car, side, line) of each far line that is stated."""
-    return [
-        (t, lateral_m, side, far)
-        for t, lane, lateral_m in followed
-        for side, far in zip(SIDES, lane.adjacent, strict=True)
-        if far
-    ]
-
-
-def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in(followed):
-    for t, lateral_m, side, far in stated(followed):
-        nearest = min(LINES_M, key=lambda y_m: abs(y_m - lateral_m - far.offset_m))
-        assert far.offset_m == pytest.approx(nearest - lateral_m, abs=0.25), t
-        assert 2.5 < side * far.offset_m < 8.0, t
-
-
-def test_they_are_tracked_before_and_after_a_lane_change(followed):
+    drive = PaintedDrive(straight_road(), lines, Motion(speed_mps=20.0), camera=CAMERA.scaled((640, 360)), **change)
+    tracker, stated = LaneTracker(drive.camera, fps=FPS), []
+    for time_s in np.arange(round(5.7 * FPS)) / FPS:
+        lane, lateral_m = tracker.update(drive.frame(time_s)), drive.pose(time_s).lateral_m
+        assert time_s < 5.2 or lane.state == COASTING
+        for side, far in zip(SIDES, lane.adjacent, strict=True):
+            stated.append((time_s, far is not None))
+            if far:
+                nearest = min(LINES_M, key=lambda y_m: abs(y_m - lateral_m - far.offset_m))
+                assert far.offset_m == pytest.approx(nearest - lateral_m, abs=0.25), time_s
+                assert 2.5 < side * far.offset_m < 8.0, time_s
     for begin_s, end_s in ((0.2, 1.2), (4.2, 5.2)):
-        frames = [lane.adjacent for t, lane, _ in followed if begin_s <= t < end_s]
-        assert np.mean([far is not None for pair in frames for far in pair]) > 0.5
-
-
-def test_they_are_forgotten_when_the_lines_swap_names(followed):
-    lanes = [lane for _, lane, _ in followed]
-    swap = int(np.argmax(np.abs(np.diff([lane.offset_m for lane in lanes])))) + 1
-    assert abs(lanes[swap].offset_m - lanes[swap - 1].offset_m) > 3
-    kept = zip(lanes[swap - 1].far_evidence, lanes[swap].far_evidence, strict=True)
-    assert lanes[swap - 1].far_evidence != (None, None) and not any(old is new for old, new in kept if old)
-
-
-def test_between_searches_they_end_where_the_last_search_saw_them_end(followed):
-    ends_m = [SPEED_MPS * t + far.reach_m for t, _, side, far in stated(followed) if side < 0 and t < 1.2]
-    assert (np.abs(np.diff(ends_m)) < 0.5).sum() >= len(ends_m) / 2
-
-
-def test_none_while_coasting(followed):
-    coasting = [lane for _, lane, _ in followed if lane.state == COASTING]
-    assert len(coasting) > 3 and all(lane.adjacent == (None, None) for lane in coasting)
+        assert np.mean([some for time_s, some in stated if begin_s <= time_s < end_s]) > 0.5
+    assert not any(some for time_s, some in stated if time_s >= 5.2)

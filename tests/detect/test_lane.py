@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -27,13 +25,6 @@ def lane_of(model: np.ndarray) -> Lane:
     """A lane found in a single image, whose errors have the standard deviations `STD`."""
     assumed = np.diag(STD**2) / error_variance_factor(model, tracked=False)
     return Lane(model, model, assumed, SEEN, score=1.0)
-
-
-def test_stated_errors_grow_with_curvature_and_are_larger_than_zero():
-    straight, bend = (Lane(m, m, np.diag(STD**2), SEEN, score=1.0) for m in (a_lane(), a_lane(curvature=1 / 20)))
-    assert 0 < straight.offset_std_m < bend.offset_std_m
-    tracked = replace(bend, state="tracking")
-    assert tracked.offset_std_m > bend.offset_std_m
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])
@@ -79,13 +70,6 @@ def test_coefficients_are_a_taylor_series_of_the_line_at_the_car(k):
     assert [row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")] == [c0, c1, c2, c3]
 
 
-def test_positions_have_the_shape_of_the_distances():
-    left = lane_of(BENT).left
-    assert left.y(12.0).shape == left.std_m(12.0).shape == ()
-    assert left.y(np.ones((2, 3))).shape == left.std_m(np.ones((2, 3))).shape == (2, 3)
-    assert float(left.y(12.0)) == pytest.approx(float(line_y(np.array([12.0]), BENT, SIDES[0])[0]))
-
-
 def test_the_telemetry_of_a_lane_and_of_none():
     row, lost = telemetry_row(lane_of(BENT)), telemetry_row(None)
     assert list(row) == list(lost)
@@ -95,10 +79,3 @@ def test_the_telemetry_of_a_lane_and_of_none():
     assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", False)
     assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)
     assert set(lost.values()) == {None}
-
-
-def test_types_in_words():
-    left, right = lane_of(BENT).lines
-    assert (left.describe_type(), right.describe_type()) == ("yellow double solid", "white dashed")
-    assert replace(left, votes=TypeVotes()).describe_type() == ""
-    assert ", yellow double solid, paint on 60% of its rows, up to 25 m" in left.describe()

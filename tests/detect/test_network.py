@@ -51,12 +51,6 @@ def test_candidates_lie_on_the_lines(look):
     assert stripes.weight @ on_lines(stripes) > 0.95 * stripes.weight.sum()
 
 
-def test_positions_are_as_exact_as_those_of_the_band_filter():
-    stripes = stripes_of(lane(Road(CAMERA)), far_m=20)
-    error_m = stripes.y_m - np.where(stripes.y_m > 0, LEFT_M, RIGHT_M)
-    assert np.median(np.abs(error_m[np.abs(error_m) < 0.1])) < 0.01
-
-
 def test_a_faint_line_is_seen_better_than_by_the_band_filter():
     faint = tuple(np.add(ASPHALT, 9))
     image = lane(Road(CAMERA, noise=5.0), colour=faint)
@@ -78,31 +72,12 @@ def test_the_last_input_is_the_width_of_a_pixel_and_nothing_is_found_outside_the
     assert not evidence_of(lane(Road(CAMERA))).response.strength[~VIEW.seen].any()
 
 
-@pytest.mark.parametrize("gain", [0.5, 1.15])
-def test_the_exposure_hardly_matters(gain):
-    image = lane(Road(CAMERA))
-    exposed = np.clip(image * gain, 0, 255).astype(np.uint8)
-    assert found_rows(stripes_of(exposed)) == pytest.approx(found_rows(stripes_of(image)), abs=0.1)
-
-
-def test_a_dark_seam_is_no_paint():
-    seam = Road(CAMERA).lines(0.3, colour=(45, 45, 45), width_m=0.1)
-    assert stripes_of(seam.image()).weight.sum() < 0.5
-
-
 def test_the_edge_of_a_shadow_is_no_paint():
     """It has less than a twentieth of the weight of a line at the same place."""
     line = Road(CAMERA).lines(LEFT_M)
     shadow = Road(CAMERA).shade(lambda x, y: (y > LEFT_M) & (y < 6), 0.35)
     edge_weight, line_weight = (stripes_of(road.image()).weight.sum() for road in (shadow, line))
     assert edge_weight < 0.05 * line_weight
-
-
-def test_botts_dots_are_seen_as_dashes():
-    """Dots 0.75 m apart: most rows have a candidate, many more than with the band filter."""
-    image = lane(Road(CAMERA, noise=3.0), width_m=0.1, dash_m=(0.16, 0.75))
-    band = find_evidence(image, VIEW, quick=True).stripes
-    assert found_rows(stripes_of(image)) > max(0.7, 1.8 * found_rows(band))
 
 
 def test_the_end_of_the_pavement_is_an_edge_of_the_road_and_no_paint():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import PAINT, find_stripes, marking_response
-from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
+from lanes.detect.paint import find_stripes, marking_response
+from tests.support.painted_roads import WHITE, Road, dashcam
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
@@ -33,13 +33,6 @@ def test_stripe_is_placed_between_the_columns(y):
     assert abs(np.median(error)) < 0.005 and np.std(error) < 0.02
 
 
-def test_direction_is_measured():
-    y_of_x = lambda x: 1.6 - 0.05 * x + x * x / 2 / 60  # noqa: E731
-    stripes = near(stripes_of(Road(CAMERA).line(y_of_x)), y_of_x, far_m=25)
-    strong = stripes.select(stripes.weight > STRONG)
-    np.testing.assert_allclose(strong.angle, np.arctan(-0.05 + strong.x_m / 60), atol=0.08)
-
-
 def test_both_stripes_of_a_double_line_are_seen():
     """The gap is painted black, as on motorways of concrete, and as wide as a stripe: 0.12 m."""
     road = Road(CAMERA).lines(1.8, width_m=0.12, colour=(30, 30, 30))
@@ -51,10 +44,9 @@ def test_both_stripes_of_a_double_line_are_seen():
 
 
 @pytest.mark.parametrize("light", [1.0, 0.35])
-@pytest.mark.parametrize("noise", [1.0, 3.0])
-def test_paint_counts_in_shade_and_at_night_as_in_sun(light, noise):
+def test_paint_counts_in_shade_and_at_night_as_in_sun(light):
     # no brightness threshold: what counts is contrast over noise
-    road = Road(CAMERA, noise=noise).lines(1.7).shade(lambda x, y: x > 0, light)
+    road = Road(CAMERA, noise=3.0).lines(1.7).shade(lambda x, y: x > 0, light)
     stripes = near(stripes_of(road), lambda x: 0 * x + 1.7)
     assert np.median(stripes.weight) > STRONG
 
@@ -75,50 +67,12 @@ def test_what_is_no_stripe_scores_nothing(name, road):
     assert len(stripes) <= 3, f"{name}: {len(stripes)} stripes, weights up to {stripes.weight.max():.1f}"
 
 
-def test_kerb_wide_as_a_stripe_would_be_seen():
-    # the counterpart of the test above: the same colours do score when they are as wide as paint
-    road = Road(CAMERA).line(lambda x: 0.4 - 0.03 * x, colour=(215, 213, 205))
-    assert len(near(stripes_of(road), lambda x: 0.4 - 0.03 * x)) > 40
-
-
-def test_every_stripe_is_strong_enough_and_in_sight():
-    rng = np.random.default_rng(1)
-    image = rng.integers(0, 256, (CAMERA.height, CAMERA.width, 3), dtype=np.uint8)
-    stripes = find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)
-    column = np.round((VIEW.y_m[0] - stripes.y_m) / VIEW.cell_m).astype(int)
-    weakest = PAINT.min_strength**2 / (PAINT.min_strength**2 + PAINT.half_weight_strength**2)
-    assert (stripes.weight > weakest).all() and (stripes.weight < 1).all()
-    assert VIEW.seen[stripes.row, column].all()
-    assert np.bincount(stripes.row).max() == PAINT.stripes_per_row
-
-
 def test_the_edge_of_the_picture_is_no_stripe():
     image = np.full((CAMERA.height, CAMERA.width, 3), 210, np.uint8)
     assert len(find_stripes(marking_response(VIEW.warp(image), VIEW), VIEW)) == 0
 
 
-@pytest.mark.parametrize("slope", [-0.5, 0.5])
-def test_a_double_line_that_crosses_the_view_is_seen(slope):
-    """As in a hairpin: two yellow stripes with a gap, 27 degrees aslant, 0.44 m wide along a row."""
-    road = Road(CAMERA)
-    for across in (-0.16, 0.16):
-        road.line(lambda x, a=across: slope * (x - 9.0) + a, colour=YELLOW)
-    stripes = near(stripes_of(road), lambda x: slope * (x - 9.0), far_m=14)
-    clear = stripes.select(stripes.weight > STRONG / 2)
-    assert len(np.unique(clear.row)) > 0.9 * len(np.unique(stripes.row)) > 20
-
-
-@pytest.mark.parametrize("inside_m", [0.15, 0.4])
-def test_a_line_is_found_as_far_as_the_edge_of_the_picture(inside_m):
-    # as the inner line of a hairpin: nothing of the road beyond it is seen
-    last = np.array([VIEW.y_m[seen][-1] if seen.any() else np.nan for seen in VIEW.seen])
-    rows = np.flatnonzero((VIEW.x_m < 9) & ~VIEW.seen[:, -1])
-    edge = np.polynomial.Polynomial.fit(VIEW.x_m[rows], last[rows], 2)
-    stripes = near(stripes_of(Road(CAMERA).line(lambda x: edge(x) + inside_m)), lambda x: edge(x) + inside_m, far_m=9)
-    assert len(np.unique(stripes.row)) > 0.8 * len(rows)
-
-
-@pytest.mark.parametrize("degrees", [-50, -40, -25, 25, 40, 50])
+@pytest.mark.parametrize("degrees", [-50, -25, 40])
 def test_direction_of_a_line_that_runs_across(degrees):
     # as in hairpins; from row to row it moves aside by more than a window of single columns
     slope = np.tan(np.radians(degrees))
@@ -132,3 +86,11 @@ def test_a_distant_stripe_is_less_certain():
     stripes = stripes_of(Road(CAMERA).lines(1.7))
     std_m = np.interp([6.0, 56.0], stripes.x_m[::-1], stripes.std_m[::-1])
     assert std_m == pytest.approx([0.041, 0.105], abs=0.003)
+
+
+def test_noise_at_the_border_of_the_image_is_that_in_the_middle():
+    """What lies outside has no noise, and must not make that of the border look like paint."""
+    strength = marking_response(VIEW.warp(Road(CAMERA, noise=6.0).image()), VIEW).strength
+    inner = np.roll(VIEW.seen, 8, axis=1) & np.roll(VIEW.seen, -8, axis=1)
+    near, border = VIEW.seen & (VIEW.x_m < 9)[:, None], VIEW.seen & ~inner
+    assert strength[near & border].mean() < strength[near & inner].mean()

@@ -11,7 +11,6 @@ from lanes.detect.road import (
     CURVATURE,
     HEADING,
     KNOTS_M,
-    LEFT_SIDE,
     RATE,
     RATE_STEPS,
     SIDES,
@@ -54,17 +53,6 @@ def test_points_of_a_line_lie_at_half_a_width(lane, side):
     np.testing.assert_allclose(x + 1j * y, true_points(lane, along, lane[0] + side * lane[1] / 2), atol=1e-5)
     at_m, ahead = np.array([0.5, 5.0, 9.0]), np.arange(len(x)) <= x.argmax()
     np.testing.assert_allclose(line_y(at_m, lane, side), np.interp(at_m, x[ahead], y[ahead]), atol=0.02)
-
-
-def test_a_line_that_swings_back_has_no_place_beyond():
-    # the line runs across at 12 m; extrapolated, it turns and runs ahead to 28 m
-    swing = a_lane(centre=0.3, width=3.4, heading=0.01, curvature=0.07, rate_steps=(1e-3, -5e-3, -5e-3))
-    ahead = line_points(swing, LEFT_SIDE, np.arange(0.0, 100.0, 0.1))[:, 0]
-    across = ahead[np.argmax(np.diff(ahead) < 0)]
-    assert 10 < across < 14 and ahead.max() > 25
-    x = np.arange(0.0, 45.0)
-    y = line_y(x, swing, LEFT_SIDE)
-    assert np.isfinite(y[x < across - 1]).all() and np.isnan(y[x > across]).all()
 
 
 @pytest.mark.parametrize(("pitch", "vertical"), [(0.012, 0.0), (-0.01, 0.0), (0.0, 6e-4), (0.006, -4e-4)])

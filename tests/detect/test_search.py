@@ -5,17 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera import CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import find_evidence
-from lanes.detect.fit import FitSettings
-from lanes.detect.lane import Lane
-from lanes.detect.paint import PaintSettings
-from lanes.detect.road import RoadPrior
-from lanes.detect.search import DetectorSettings, search_lane
-from lanes.detect.votes import VoteSettings
+from lanes.detect.search import search_lane
 from lanes.stills import find_lane
-from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
@@ -27,16 +21,11 @@ def bend(offset, width, slope, curvature):
     return [lambda x, s=s: -offset + s * width / 2 + slope * x + curvature * x * x / 2 for s in (1, -1)]
 
 
-def shaded_bend():
+def test_shaded_bend_off_centre():
     left, right = bend(0.35, 3.5, 0.015, 1 / 420)
     road = Road(CAMERA).line(left, colour=YELLOW).line(right, dash_m=(3, 12))
     road.paint(lambda x, y: y > left(x) + 0.6, (130, 130, 128)).line(lambda x: left(x) - 1.4, colour=(50, 50, 50))
-    return road.shade(lambda x, y: (x > 11) & (x < 16) & (y > -1), 0.35), left, right
-
-
-def test_shaded_bend_off_centre():
-    road, left, right = shaded_bend()
-    lane = find_lane(road.image(), CAMERA)
+    lane = find_lane(road.shade(lambda x, y: (x > 11) & (x < 16) & (y > -1), 0.35).image(), CAMERA)
     np.testing.assert_allclose(lane.left.y(X_M), left(X_M), atol=0.02)
     np.testing.assert_allclose(lane.right.y(X_M), right(X_M), atol=0.04)
     assert lane.offset_m == pytest.approx(0.35, abs=0.02)
@@ -49,7 +38,7 @@ def test_shaded_bend_off_centre():
     assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
 
 
-@pytest.mark.parametrize("radius", [-18.0, 22.0, -40.0])
+@pytest.mark.parametrize("radius", [-18.0, 22.0])
 def test_hairpin(radius):
     camera = dashcam(yaw_rad=0.0)
     road = Road(camera)
@@ -79,16 +68,7 @@ def test_one_line_missing(k):
     assert 2.9 < lane.width_m < 4.1
 
 
-def test_pitch_of_the_camera_is_estimated():
-    pose = CAMERA.pose
-    nodding = CAMERA.with_pose(CameraPose(pose.height_m, pose.pitch_rad + 0.012, pose.yaw_rad))
-    left, right = bend(0.1, 3.6, 0.0, 0.0)
-    lane = find_lane(Road(nodding).line(left).line(right).image(), CAMERA)
-    assert lane.pitch_rad == pytest.approx(0.012, abs=0.002)
-    np.testing.assert_allclose(lane.right.y(X_M), right(X_M), atol=0.04)
-
-
-@pytest.mark.parametrize("offset", [0.5, -0.5, -1.0, 1.0])
+@pytest.mark.parametrize("offset", [-0.5, 1.0])
 def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     # the own lane is dashed on both sides; the neighbouring lanes have a solid line each, which is much more paint
     road = Road(CAMERA)
@@ -103,7 +83,8 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
 @pytest.mark.parametrize("between_m", [(), (0.0,), (-0.9, 0.0, 0.9)])
 def test_lines_between_those_of_the_lane_count(between_m):
     """Tiles have lines along the whole lane. A double line is one line of the lane."""
-    lane = band_lane(Road(CAMERA).lines(1.95, 1.7, -1.75, *between_m).image())
+    image = Road(CAMERA).lines(1.95, 1.7, -1.75, *between_m).image()
+    lane = search_lane(find_evidence(image, VIEW, quick=True)).lane
     assert lane.width_m == pytest.approx(3.5, abs=0.1)
     assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
@@ -113,33 +94,14 @@ def test_bare_road_has_no_lane(noise):
     assert find_lane(Road(CAMERA, noise=noise).image(), CAMERA) is None
 
 
-def band_lane(image: np.ndarray) -> Lane | None:
-    """The lane in the stripes of the band filter alone."""
-    found = search_lane(find_evidence(image, VIEW, quick=True))
-    return found.lane if found else None
+def test_a_lane_too_faint_for_the_band_filter_is_found():
+    road = Road(CAMERA, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8)))
+    assert search_lane(find_evidence(road.image(), VIEW, quick=True)).lane is None
+    lane = find_lane(road.image(), CAMERA)
+    assert lane.confidence > 0.5 and lane.width_m == pytest.approx(3.6, abs=0.15)
 
 
-def test_edges_alone_are_no_lane_for_the_band_filter():
-    road = Road(CAMERA).shade(lambda x, y: y > 1.8, 0.4).paint(lambda x, y: y < -1.7, (150, 150, 150))
-    assert band_lane(road.image()) is None
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        DetectorSettings(paint=PaintSettings(single_m=0.3)),
-        DetectorSettings(votes=VoteSettings(far_m=7.0)),
-        DetectorSettings(fit=FitSettings(min_support=1.1)),
-        DetectorSettings(fit=FitSettings(prior=RoadPrior(width_m=(2.9, 0.01, 6.0)))),
-    ],
-    ids=["paint", "votes", "fit", "prior"],
-)
-def test_the_settings_of_each_step_count(settings):
-    image = shaded_bend()[0].image()
-    found = [
-        (search_lane(find_evidence(image, VIEW, used.paint, quick=True), used).lane, find_lane(image, CAMERA, used))
-        for used in (DetectorSettings(), settings)
-    ]
-    for usual, other in zip(*found, strict=True):
-        assert usual is not None
-        assert other is None or not np.array_equal(other.model, usual.model)
+def test_support_is_the_share_of_the_visible_rows_that_are_painted():
+    camera = dashcam(1280)
+    lane = find_lane(Road(camera, noise=1.0).lines(1.8).lines(-1.8, dash_m=(3, 12)).image(), camera)
+    assert lane.left.support > 0.95 and lane.right.support == pytest.approx(0.25, abs=0.06)

@@ -67,13 +67,6 @@ def test_no_other_file_is_served(session, path):
     assert status in (403, 404) and b"not served" not in content and b"import" not in content
 
 
-def test_an_index_without_a_still_is_not_found(session):
-    assert session.ask("picture/1")[1].startswith(b"\x89PNG")
-    for number in ("still/7", "picture/2", "ours/99999999999999999999"):
-        assert session.ask(number) == (404, b"There is no such still.")
-    assert session.ask("still/2", body={"points": [None, None], "save": True}) == (404, b"There is no such still.")
-
-
 def test_no_file_of_the_folder_becomes_a_page(folder, tmp_path):
     """A picture may be anything that someone has put into the folder."""
     (tmp_path / "page.png").write_text("<html><script>alert(1)</script></html>")

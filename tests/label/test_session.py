@@ -30,16 +30,6 @@ def session(folder, *names: str) -> Session:
     return Session(folder, [folder / name for name in names or ("a.png", "sub/b.png")])
 
 
-def test_a_saved_label_is_a_tusimple_line(folder):
-    answer = session(folder).mark(1, [LEFT, None], save=True)
-    assert answer["saved"] == [False, True]
-    (label,) = read_labels(folder / "labels.jsonl")
-    assert label.name == "sub/b.png"
-    assert (label.columns[0] >= 0).any() and (label.columns[1] == -2).all()
-    line = label.columns[0][label.columns[0] >= 0]
-    assert line.min() >= 95 and line.max() <= 205
-
-
 def test_steps_are_resumed_and_are_no_label_before_they_are_saved(folder):
     session(folder).mark(0, [LEFT, []], save=False)
     assert not (folder / "labels.jsonl").exists() or not (folder / "labels.jsonl").read_text().strip()
@@ -51,20 +41,6 @@ def test_steps_are_resumed_and_are_no_label_before_they_are_saved(folder):
     last.mark(0, [LEFT, None], save=False)  # the saved label stays until the change is saved
     assert last.saved() == [False, False]
     assert (read_labels(folder / "labels.jsonl")[0].columns[1] >= 0).any()
-
-
-def test_no_lane_is_a_label_without_points(folder):
-    session(folder).mark(0, [None, None], save=True)
-    assert (read_labels(folder / "labels.jsonl")[0].columns == -2).all()
-    assert session(folder).saved() == [True, False]
-
-
-def test_labels_of_other_pictures_stay(folder):
-    other = {"raw_file": "gone.png", "h_samples": [1, 2], "lanes": [[5, 6]], "mine": "note"}
-    (folder / "labels.jsonl").write_text(json.dumps(other) + "\n")
-    session(folder, "c.png").mark(0, [LEFT, RIGHT], save=True)
-    first, second = map(json.loads, (folder / "labels.jsonl").read_text().splitlines())
-    assert first == other and second["raw_file"] == "c.png"
 
 
 @pytest.mark.parametrize("points", [[LEFT, []], [LEFT, [[1, 2]]], [LEFT, [[1.0, 99.0], [50.0, 99.5]]]])
@@ -133,11 +109,6 @@ def test_a_damaged_file_of_labels_is_named(folder, text):
     (folder / "labels.jsonl").write_text(text)
     with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
         session(folder)
-
-
-def test_stills_lie_in_the_folder_of_the_labels(folder):
-    with pytest.raises(LaneError, match=r"a\.png: lies outside of .*sub, the folder of the labels"):
-        Session(folder / "sub", [folder / "a.png"])
 
 
 def test_stills_are_spread_over_the_video_and_kept(tmp_path):

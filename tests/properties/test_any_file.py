@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from hypothesis import example, given
+from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmark.reporting.tables import read_scores
 from lanes.camera import CalibrationReport, camera_to_dict, load_camera
 from lanes.errors import CameraError
 from lanes.files import read_telemetry
@@ -29,7 +28,6 @@ JSON = st.recursive(
 )
 LABEL = {"raw_file": "a.jpg", "h_samples": [400, 410, 420, 430], "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]]}
 TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
-SCORES = "scene,difficulty,system,accuracy\nmotorway,clean,tracker,1\n"
 
 
 def paths_into(content: object, *before: object) -> list[tuple]:
@@ -116,11 +114,3 @@ def test_lanes_in_json_lines(path, data):
 def test_telemetry(path, data):
     columns = assert_read_or_refused(read_telemetry, path, data)
     assert columns is None or ("frame" in columns and len({len(column) for column in columns.values()}) == 1)
-
-
-@examples(40)
-@given(garbled(SCORES))
-@example(b"scene,scene,difficulty,system,accuracy\nmotorway,clean,tracker,1\n")
-def test_tables_of_the_benchmark(path, data):
-    for row in assert_read_or_refused(read_scores, path, data) or ():
-        assert isinstance(row["scene"], str) and isinstance(row["accuracy"], float)

@@ -43,10 +43,3 @@ def test_a_tracker_gives_its_state(image):
     assert repr(tracker).endswith("tracking)")
     assert lane.summary()["speed"] == "90 km/h"
     assert lane.summary()["offset"] in repr(lane)
-
-
-def test_a_speed_that_the_lane_does_not_show_is_not_stated(image):
-    tracker = LaneTracker(CAMERA, fps=20)
-    for _ in range(4):
-        lane = tracker.update(image)
-    assert lane.motion.speed_mps > 10 and "speed" not in lane.summary()

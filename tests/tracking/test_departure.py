@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -56,20 +54,6 @@ def test_time_to_crossing(name):
     assert (warning.left_m, warning.right_m) == pytest.approx((0.9 + lane[CENTRE], 0.9 - lane[CENTRE]), rel=0.01)
 
 
-def test_no_warning_without_a_crossing():
-    """The turning would avoid the line; less turning than that would not."""
-    motion = car(20.0, turning_std_per_m=0.003, course_std_rad=0.001)
-    warning = watch_departure(lane_at(-0.4, -0.05, 0.0028), motion)
-    assert (warning.side, warning.time_to_crossing_s) == (None, float("inf"))
-    assert not warning.due and warning.describe() is None
-
-
-def test_a_car_that_turns_like_its_road_drifts_at_a_constant_rate():
-    """The lane centre, 0.6 m inside, is an arc of R 19.4 m. The car follows the arc of R 20 m through itself."""
-    warning = watch_departure(lane_at(-0.6, 0.0, -1 / 20), car(10.0, path_per_m=-1 / 20, course_rad=0.012))
-    assert warning.time_to_crossing_s == pytest.approx(warning.left_m / 0.12, rel=0.01)
-
-
 def test_uncertainty_suppresses_the_warning():
     lane = lane_at(0.0, -0.05)
     assert watch_departure(lane, car(20.0)).due
@@ -106,13 +90,6 @@ def test_after_a_lane_change_the_motion_is_still_seen():
     assert after.due and after.side == "left" and after.time_to_crossing_s < 1.0
     middle = departures[int(np.abs(centres + 3.6).argmin())]
     assert not middle.due
-
-
-def test_the_width_of_the_car_counts():
-    narrow, wide = (replace(SMALL, car_width_m=width_m) for width_m in (1.2, 2.5))
-    lanes = [lane_at(0.2 - 0.02 * n, -0.025) for n in range(25)]
-    small, large = (watched(lanes, car(20.0), camera)[-1] for camera in (narrow, wide))
-    assert small.left_m - large.left_m == pytest.approx(0.65) and large.due and not small.due
 
 
 def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():

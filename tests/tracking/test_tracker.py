@@ -12,9 +12,7 @@ import pytest
 
 from lanes.detect.lane import Lane
 from lanes.detect.road import SIDES
-from lanes.detect.search import DetectorSettings
 from lanes.errors import CameraError, LaneError, PictureError
-from lanes.tracking.filter import FilterSettings
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.rendering.drive import Motion
 from simulator.road.truth import Truth
@@ -55,8 +53,8 @@ def lateral_error_m(lane: Lane, truth: Truth) -> float:
 
 
 @lru_cache(maxsize=4)
-def s_bend_drive(speed_mps: float | None = None, fps: float = FPS) -> list[tuple]:
-    return follow(DRIVE, 8.0, fps=fps, tracker=LaneTracker(SMALL, fps=fps, speed_mps=speed_mps))
+def s_bend_drive(speed_mps: float | None = None) -> list[tuple]:
+    return follow(DRIVE, 8.0, tracker=LaneTracker(SMALL, fps=FPS, speed_mps=speed_mps))
 
 
 def errors(frames: list[tuple], measure: Callable) -> np.ndarray:
@@ -64,12 +62,8 @@ def errors(frames: list[tuple], measure: Callable) -> np.ndarray:
 
 
 @pytest.mark.slow
-def test_a_sure_lane_is_tracked_from_the_first_frame_on():
-    assert {state_of(lane) for _, lane, _ in s_bend_drive()} == {"tracking"}
-
-
-@pytest.mark.slow
 def test_offset_and_lateral_error_in_bends():
+    assert {state_of(lane) for _, lane, _ in s_bend_drive()} == {"tracking"}
     offset = errors(s_bend_drive(), lambda r: r.offset_m)
     assert abs(offset.mean()) < 0.02
     lateral = [lateral_error_m(tracked, truth) for _, tracked, truth in s_bend_drive()]
@@ -87,16 +81,15 @@ def test_curvature_is_unbiased():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("measure", [lambda r: r.curvature_per_m, lambda r: r.offset_m], ids=["curvature", "offset"])
-@pytest.mark.parametrize(("speed_mps", "most_frames"), [(None, 0.5), (25.0, 0.3)])
-def test_nothing_lags_in_s_bends(measure, speed_mps, most_frames):
+def test_nothing_lags_in_s_bends(measure):
     """What is measured resembles the truth of the same frame, not that of an earlier one."""
-    frames = s_bend_drive(speed_mps)
+    frames = s_bend_drive()
     found = np.array([measure(lane) for _, lane, _ in frames])[8:-3]
     true = np.array([measure(truth) for *_, truth in frames])
     late = [np.var(found - true[8 - lag : len(true) - 3 - lag]) for lag in (-1, 0, 1)]
     # the variance is a parabola of the lag, whose lowest point is the lag
     lag = (late[0] - late[2]) / (late[0] - 2 * late[1] + late[2]) / 2
-    assert abs(lag) < most_frames
+    assert abs(lag) < 0.5
 
 
 @pytest.mark.slow
@@ -146,7 +139,9 @@ def test_tracking_continues_after_black_pictures():
     assert frames[-1][1].state == "tracking"
     before = [lane for time, lane, _ in frames if time < 1.0][-1]
     for name in ("offset_std_m", "heading_std_rad"):
-        assert np.all(np.diff([getattr(lane, name) for lane in [before, *coasting]]) > 0)
+        stds = np.array([getattr(lane, name) for lane in [before, *coasting]])
+        # they grow from frame to frame, as the filter's do: by no jump in the first one
+        assert (np.diff(stds) > 0).all() and stds[1] < 1.5 * stds[0]
     # what is known of the lines is kept, and comes nearer by 25 m/s
     for line, last in zip(coasting[-1].lines, before.lines, strict=True):
         assert (line.kind, line.colour) == (last.kind, last.colour)
@@ -164,19 +159,6 @@ def test_coasting_lasts_as_long_at_any_frame_rate(fps):
         assert lane.state == "coasting"
         coasted += 1
     assert coasted == pytest.approx(0.7 * fps, abs=1)
-
-
-@pytest.mark.slow
-def test_the_frame_rate_hardly_matters():
-    """At 12.5 and at 25 frames a second: the same lane, and nearly the same standard deviations."""
-    slow, fast = s_bend_drive(None, FPS)[8:], s_bend_drive(None, 2 * FPS)[16::2]
-    assert [time for time, *_ in slow] == pytest.approx([time for time, *_ in fast])
-    offsets, others = ([lane.offset_m for _, lane, _ in frames] for frames in (slow, fast))
-    assert np.abs(np.subtract(offsets, others)).max() < 0.03
-    for name in ("offset_std_m", "heading_std_rad", "curvature_std_per_m"):
-        stds, others = (np.array([getattr(lane, name) for _, lane, _ in frames]) for frames in (slow, fast))
-        # twice as many measurements: smaller by the root of two, at most
-        assert 0.95 < np.median(stds / others) < 1.5
 
 
 @pytest.mark.parametrize("to_left", [True, False], ids=["left", "right"])
@@ -209,17 +191,6 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
     assert last.seen and (last.kind, last.colour) == ("solid", "white")
 
 
-def test_departure_is_predicted():
-    drive = replace(DRIVE, road=straight_road(), drift_mps=0.7, drift_s=(1.0, 4.0), motion=Motion(speed_mps=25.0))
-    frames = follow(drive, 3.2, tracker=LaneTracker(SMALL, fps=FPS, speed_mps=25.0))
-    warned = [time for time, lane, _ in frames if lane.departure.due]
-    # the tyres, 0.9 m from the middle, touch the line's middle when the car is 0.9 m to the left
-    crossing = next(time for time, _, truth in frames if truth.offset_m > 0.9)
-    assert 0.3 < crossing - warned[0] < 1.6
-    assert {lane.departure.side for time, lane, _ in frames if time in warned} == {"left"}
-    assert all(not lane.departure.due for time, lane, _ in frames if time < 1.0)
-
-
 def test_a_wrong_track_is_given_up():
     """Two stripes a lane apart, 1.2 m beside the lane, hold the tracker only until the true lines come."""
     cracks = tuple(Stripe(side * 1.5 - 1.0, colour=(150, 150, 150), along_m=(-50, 60)) for side in SIDES)
@@ -240,21 +211,19 @@ def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_pictur
 
 def test_speed_is_found_or_taken():
     assert s_bend_drive()[-1][1].motion.speed_mps == pytest.approx(25.0, abs=5.0)
-    assert s_bend_drive(25.0)[-1][1].motion.speed_mps == pytest.approx(25.0, abs=0.5)
-    tracker = LaneTracker(SMALL, fps=FPS)
-    follow(DRIVE, 0.5, tracker=tracker)
+    tracker = LaneTracker(SMALL, fps=FPS, speed_mps=25.0)
+    assert follow(DRIVE, 0.5, tracker=tracker)[-1][1].motion.speed_mps == pytest.approx(25.0, abs=0.5)
     tracker.speed_mps = 21.0
     assert follow(DRIVE, 0.3, tracker=tracker)[-1][1].motion.speed_mps == pytest.approx(21.0)
 
 
-@pytest.mark.parametrize("elapsed_s", [1.5, 1e9, -0.04, np.nan, np.inf])
+@pytest.mark.parametrize("elapsed_s", [1.0, 1.01, 1e9, -0.04, np.nan, np.inf])
 def test_a_jump_of_the_clock_resets_the_tracker(elapsed_s):
     """After a gap too long to bridge, and when the clock was set back, the picture is looked at like a first one."""
     tracker = LaneTracker(SMALL, fps=FPS)
     follow(DRIVE, 0.4, tracker=tracker)
     again, first = tracker.update(DRIVE.frame(0.0), elapsed_s=elapsed_s), LaneTracker(SMALL).update(DRIVE.frame(0.0))
-    np.testing.assert_array_equal(again.model, first.model)
-    assert again.state == first.state
+    assert np.array_equal(again.model, first.model) == (elapsed_s != 1.0)
 
 
 @pytest.mark.parametrize("elapsed_s", [-5.0, np.nan, np.inf])
@@ -271,58 +240,31 @@ def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s
     assert len(asked) - before == 4
 
 
-@pytest.mark.parametrize("number", [Fraction, np.float32, np.int64, int])
-def test_numbers_of_any_kind_are_taken(number):
-    """Frame rates of containers are fractions, clocks are NumPy numbers."""
-    trackers = LaneTracker(SMALL, fps=number(5), speed_mps=number(25)), LaneTracker(SMALL, fps=5.0, speed_mps=25.0)
-    lanes = [
-        [tracker.update(DRIVE.frame(time_s), elapsed_s=elapsed_s) for time_s, elapsed_s in steps]
-        for tracker, steps in zip(
-            trackers,
-            ([(0.0, None), (0.2, None), (0.7, Fraction(1, 2))], [(0.0, 0.2), (0.2, np.float64(0.2)), (0.7, 0.5)]),
-            strict=True,
-        )
-    ]
-    np.testing.assert_allclose(lanes[0][-1].model, lanes[1][-1].model, rtol=1e-9)
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        *(({"fps": wrong}, r"fps must be a positive number; got .*\.$") for wrong in (0, np.nan, "25", True, 10**400)),
+        *(({"speed_mps": wrong}, "speed_mps must be from 0 to 120") for wrong in (-1.0, 1e30)),
+        *(
+            ({"speed_mps": wrong}, rf"speed_mps must be a finite number; got {wrong!r}\.$")
+            for wrong in ("fast", np.inf)
+        ),
+    ],
+)
+def test_wrong_numbers_are_refused_and_those_of_any_kind_taken(options, words):
+    with pytest.raises(LaneError, match=words):
+        LaneTracker(SMALL, **options)
+    # frame rates of containers are fractions, clocks are NumPy numbers
+    lane = LaneTracker(SMALL, fps=Fraction(25), speed_mps=np.int64(25)).update(
+        DRIVE.frame(0.0), elapsed_s=np.float32(0)
+    )
+    assert lane.motion.speed_mps == 25
 
 
-@pytest.mark.parametrize("wrong", [0, -25, np.nan, np.inf, "25", None, True, [25]])
-def test_a_wrong_frame_rate_raises(wrong):
-    with pytest.raises(LaneError, match=r"fps must be a positive number; got .*\.$"):
-        LaneTracker(SMALL, fps=wrong)
-
-
-def test_other_wrong_arguments_raise():
-    for wrong in (-1.0, 1e30):
-        with pytest.raises(LaneError, match="speed_mps must be from 0 to 120"):
-            LaneTracker(SMALL, speed_mps=wrong)
-    with pytest.raises(LaneError, match="fps must be a positive number"):
-        LaneTracker(SMALL, fps=10**400)
-    for wrong in ("fast", np.nan, np.inf):
-        with pytest.raises(LaneError, match=rf"speed_mps must be a finite number; got {wrong!r}\.$"):
-            LaneTracker(SMALL, speed_mps=wrong)
+def test_wrong_images_and_clocks_and_a_camera_without_pose_are_refused():
     with pytest.raises(LaneError, match=r"elapsed_s must be a number; got '0.04'\.$"):
         LaneTracker(SMALL).update(DRIVE.frame(0.0), elapsed_s="0.04")
     with pytest.raises(PictureError, match="calibrated for 640x360"):
         LaneTracker(SMALL).update(np.zeros((720, 1280, 3), np.uint8))
     with pytest.raises(CameraError, match="no pose"):
         LaneTracker(replace(SMALL, pose=None))
-
-
-@pytest.mark.parametrize(
-    "settings",
-    [
-        TrackerSettings(min_score=5.0),
-        TrackerSettings(half_widths_m=(4.0, 6.0)),
-        TrackerSettings(filter=FilterSettings(usual_speed_mps=(12.0, 8.0))),
-        TrackerSettings(filter=FilterSettings(centre_m_per_s=1.0)),
-        TrackerSettings(detector=DetectorSettings(paint=replace(DetectorSettings().paint, single_m=0.25))),
-        TrackerSettings(detector=DetectorSettings(fit=replace(DetectorSettings().fit, variance_inflation=40.0))),
-    ],
-    ids=["score", "views", "speed", "noise", "paint", "fit"],
-)
-def test_the_settings_count(settings):
-    usual, other = (
-        follow(DRIVE, 0.5, tracker=LaneTracker(SMALL, fps=FPS, settings=used))[-1][1] for used in (None, settings)
-    )
-    assert other is None or other.state != usual.state or not np.array_equal(other.model, usual.model)

@@ -43,7 +43,6 @@ CODECS = {
     "MJPEG": ("mjpeg", "yuvj420p", "MJPG", {}),
     "MPEG-4": ("mpeg4", "yuv420p", "FMP4", {"g": "12"}),
     "XviD with B frames": ("mpeg4", "yuv420p", "XVID", {"g": "12", "bf": "2"}),
-    "H.264": ("libx264", "yuv420p", "H264", {"g": "12", "bf": "0"}),
     "H.264 with B frames": ("libx264", "yuv420p", "H264", {"g": "12", "bf": "3"}),
 }
 FILLERS = {"empty": b"", "one byte": b"\x7f", "a JPEG without image": b"\xff\xd8\xff\xd9"}
@@ -51,9 +50,8 @@ FILLERS = {"empty": b"", "one byte": b"\x7f", "a JPEG without image": b"\xff\xd8
 
 @pytest.mark.parametrize(
     ("codec", "filler"),
-    [(codec, "empty") for codec in CODECS]
-    + [("MJPEG", "a JPEG without image"), ("MPEG-4", "not coded"), ("XviD with B frames", "one byte")]
-    + [("MPEG-4", "one byte")],
+    [("MJPEG", "empty"), ("MJPEG", "a JPEG without image"), ("MPEG-4", "not coded"), ("H.264 with B frames", "empty")]
+    + [("XviD with B frames", "one byte"), ("MPEG-4", "one byte")],
 )
 def test_frames_of_avi_keep_their_times_beside_dropped_ones(tmp_path, process, codec, filler):
     """A recorder that drops a frame writes an empty chunk, or one that completes no frame."""
@@ -69,7 +67,7 @@ def test_frames_of_avi_keep_their_times_beside_dropped_ones(tmp_path, process, c
     )
     frames = list(read_timed_frames(video))
     assert [number_of(frame.image) for frame in frames] == [frame.number for frame in frames] == KEPT
-    for start_s in (0.0, 1.48, 2.0, 3.36):
+    for start_s in (0.0, 2.0, 3.36):
         numbers, times_s, missing, out = process(video, start_s)
         assert numbers == [number for number in KEPT if number >= 25 * start_s]
         np.testing.assert_allclose(times_s, np.array(numbers) / 25, atol=1e-3)
@@ -112,10 +110,8 @@ def write_with_sound(path: Path, codecs: tuple[str, str], picture_s: float, soun
         # FFmpeg looks for the first frame in the first five seconds only
         ("mkv", ("libx264", "aac"), 6.0, 0.0),
         ("mkv", ("mjpeg", "pcm_s16le"), 7.0, 1.0),
-        ("mkv", ("mpeg4", "libmp3lame"), 1.0, 0.0),
         ("webm", ("libvpx-vp9", "libopus"), 6.0, 0.0),
         ("mkv", ("libx264", "flac"), 0.0, 1.0),
-        ("mp4", ("libx264", "aac"), 6.0, 0.0),
         ("mov", ("libx264", "aac"), 1.0, -0.5),
         ("ts", ("libx264", "aac"), 3.0, 2.0),
     ],
@@ -150,7 +146,7 @@ def write_stamped(path: Path, times_s: Sequence[float], *, decoded_s: Sequence[f
 EVEN_S = [number / 25 for number in range(100)]
 
 
-@pytest.mark.parametrize("suffix", ["mkv", "mp4", "ts"])
+@pytest.mark.parametrize("suffix", ["mkv", "ts"])
 def test_a_second_recording_on_the_same_clock_comes_after_a_gap(tmp_path, process, suffix):
     """Two hours later: they are no missing frames, and the part after the gap can be named."""
     times_s = [time_s + (7200 if time_s >= 2 else 0) for time_s in EVEN_S]
@@ -166,8 +162,9 @@ def test_a_second_recording_on_the_same_clock_comes_after_a_gap(tmp_path, proces
     assert [number_of(frame.image) for frame in frames] == list(range(60, 100))
 
 
-@pytest.mark.parametrize("suffix", ["mkv", "ts"])
-@pytest.mark.parametrize(("wrong", "by_s"), [((40,), 7200.0), ((40, 41, 42), 30.0), ((3, 30, 60), 1.0), ((50,), 9e4)])
+@pytest.mark.parametrize(
+    ("suffix", "wrong", "by_s"), [("ts", (40,), 7200.0), ("mkv", (40, 41, 42), 30.0), ("mkv", (50,), 9e4)]
+)
 def test_single_wrong_times_are_repaired(tmp_path, process, suffix, wrong, by_s):
     times_s = [time_s + (by_s if number in wrong else 0) for number, time_s in enumerate(EVEN_S)]
     numbers, found_s, missing, _ = process(write_stamped(tmp_path / f"drive.{suffix}", times_s, decoded_s=EVEN_S))
