@@ -54,12 +54,9 @@ def test_the_filled_lane_ends_at_the_paint_of_the_raw_image(image, result):
         assert columns[-1] == pytest.approx(u_right[0], abs=half_paint_px + 3)
 
 
-def test_the_words_are_those_of_the_result(result):
-    assert describe_result(result)[0].startswith("bends left")
-    assert describe_result(result)[1] == f"{result.offset_m:.2f} m left of centre"
-
-
-def test_a_lost_lane_is_said_and_nothing_is_drawn():
+def test_the_words_are_those_of_the_result_and_nothing_is_drawn_of_a_lost_lane(result):
+    bend, offset = describe_result(result)
+    assert bend.startswith("bends left") and offset == f"{result.offset_m:.2f} m left of centre"
     black = np.zeros((720, 1280, 3), np.uint8)
     lost = LaneFinder(get_recipe("hls_sobel"), CAMERA).find(black)
     assert describe_result(lost) == ["lane lost"]
@@ -71,8 +68,7 @@ def test_following_gives_each_frame_its_image_and_numbers(image):
     process = follow_lane(LaneFinder(get_recipe("hls_sobel"), CAMERA), CAMERA)
     process(image)
     annotated, row = process(np.zeros_like(image))
-    assert row["state"] == "kept"
-    assert annotated[300:].any()
+    assert row["state"] == "kept" and annotated[300:].any()
 
 
 def test_every_function_draws_on_a_copy():
@@ -90,8 +86,6 @@ def test_the_lines_go_through_the_lens_of_pictures_of_this_size():
     inside = paint[(paint[:, 1] > rows.min()) & (paint[:, 1] < rows.max())]
     for u, v in inside[::20]:
         assert columns[rows == round(v)].mean() == pytest.approx(u, abs=1.0)
-    # Without the lens model the line would lie elsewhere, so the example is sensitive to it.
-    assert np.abs(paint - many).max() > 5
     with pytest.raises(PictureError, match="150x96 pixels, but the camera was calibrated for 160x96"):
         draw_lane_between(np.zeros((96, 150, 3), np.uint8), LEFT, RIGHT, LENS)
 
@@ -104,9 +98,6 @@ def test_left_is_red_and_right_is_blue_and_the_area_between_is_filled(gray):
     filled = draw_lane_between(gray, gap, RIGHT, line_width_px=0)
     np.testing.assert_array_equal(filled, draw_lane_between(gray, LEFT, RIGHT, line_width_px=0))
     np.testing.assert_allclose(filled[50, 80], 70 + 0.3 * np.array(LANE_COLOUR), atol=1)
-
-
-def test_one_line_or_none(gray):
     drawn = draw_lane_between(gray, None, RIGHT, line_width_px=4)
     np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
     np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])

@@ -8,9 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from course.dataset import open_dataset
 from helpers import RECIPES, LaneFinder, RoadLine, get_recipe
-from lanes.calibration import calibrate
 from lanes.camera import Camera
 from lanes.errors import CameraError, PictureError
 from lanes.images import read_image
@@ -107,26 +105,21 @@ FALSE_LANES = {("hls_sobel", "noise"), ("equalized_hsv", "noise"), ("equalized_h
 
 @every_recipe
 @pytest.mark.parametrize("kind", HOSTILE)
-def test_an_image_without_a_lane_is_lost_or_far_too_narrow(name, kind):
-    """The first frame of a video, as in a garage. The recipes have no gate for the lane width."""
-    follow = finder(name)
-    for result in (follow.follow(HOSTILE[kind]), follow.find(HOSTILE[kind])):
-        if (name, kind) not in FALSE_LANES:
-            assert summary(result) == ("lost", None, None, None, None)
-        else:  # both lines start at the two columns next to the centre of the view
+def test_an_image_without_a_lane_is_lost_or_too_narrow_and_does_not_move_a_known_lane_far(name, kind):
+    """The first frame of a video, as in a garage, or one later. The recipes have no gate for the lane width."""
+    is_false = (name, kind) in FALSE_LANES
+    first, still = finder(name).follow(HOSTILE[kind]), finder(name).find(HOSTILE[kind])
+    for result in (first, still):
+        if is_false:  # both lines start at the two columns next to the centre of the view
             assert (result.state, 0 <= result.lane_width_m < 0.3) == ("found", True)
-
-
-@every_recipe
-@pytest.mark.parametrize("kind", HOSTILE)
-def test_an_image_without_a_lane_does_not_move_a_known_lane_far(name, kind):
+        else:
+            assert summary(result) == ("lost", None, None, None, None)
     follow = finder(name)
     good, result = (follow.follow(image) for image in (picture(LEFT_BEND), HOSTILE[kind]))
-    assert result.state == ("found" if (name, kind) in FALSE_LANES else "kept")
+    assert result.state == ("found" if is_false else "kept")
     assert result.offset_m == pytest.approx(good.offset_m, abs=0.05)
     assert result.curvature_per_m == pytest.approx(good.curvature_per_m, abs=5e-4)
-    if kind == "black":
-        assert summary(result)[1:] == summary(good)[1:]
+    assert kind != "black" or summary(result)[1:] == summary(good)[1:]
 
 
 def test_a_channel_full_of_noise_does_not_confirm_the_line_so_far():
@@ -140,25 +133,13 @@ def test_a_channel_full_of_noise_does_not_confirm_the_line_so_far():
 
 
 @every_recipe
-def test_stills_do_not_influence_each_other(name):
-    shared = finder(name)
-    fresh = {road: summary(finder(name).find(picture(road))) for road in (LEFT_BEND, RIGHT_BEND)}
-    shared.follow(picture(STRAIGHT))
-    for road in (LEFT_BEND, RIGHT_BEND, LEFT_BEND):
-        assert summary(shared.find(picture(road))) == fresh[road]
-    once = finder(name)
-    once.follow(picture(STRAIGHT))
+def test_stills_do_not_influence_each_other_nor_a_drive(name):
+    fresh = summary(finder(name).find(picture(LEFT_BEND)))
+    shared, once = finder(name), finder(name)
+    for follow in (shared, once):
+        follow.follow(picture(STRAIGHT))
+    assert summary(shared.find(picture(LEFT_BEND))) == fresh
     assert summary(shared.follow(picture(DASHED))) == summary(once.follow(picture(DASHED)))
-
-
-@every_recipe
-def test_metres_follow_from_the_warp(name):
-    """Constant metres per pixel have the same relative error at every offset; the homography has none."""
-    near, far = LaneRoad(0.0, 0.0), LaneRoad(0.0, 0.4)
-    exact = [finder(name).find(picture(road)).offset_m for road in (near, far)]
-    fixed = [finder(name, metres_per_px=PUBLISHED_SCALES).find(picture(road)).offset_m for road in (near, far)]
-    assert exact[1] - exact[0] == pytest.approx(0.4, abs=0.02)
-    assert fixed[1] - fixed[0] > 1.12 * 0.4
 
 
 @every_recipe
@@ -181,14 +162,6 @@ def test_width_and_height_scale_apart():
     assert (recipe.margin_px, recipe.min_span_px, recipe.recentre_pixels) == (80, 320, 100)
 
 
-@every_recipe
-def test_a_picture_of_another_size_is_refused(name):
-    with pytest.raises(PictureError, match="720x1280 pixels, but the camera was calibrated for 1280x720"):
-        finder(name).find(np.zeros((1280, 720, 3), np.uint8))
-    with pytest.raises(CameraError, match=f"recipe {name} is for 640x360 pictures"):
-        LaneFinder(get_recipe(name, (640, 360)), CAMERA)
-
-
 def test_helpers_uses_of_lanes_only_the_camera_files_images_texts_and_drawing():
     """import-linter sees packages only. Finding lanes by the engine would be no classic pipeline."""
     text = (ROOT / "helpers.py").read_text(encoding="utf-8")
@@ -205,20 +178,11 @@ def test_measures_need_both_lines_except_the_curvature():
     assert (one.curvature_per_m, one.offset_m, one.lane_width_m) == (0.002, None, None)
     assert (none.curvature_per_m, none.offset_m, none.lateral_m(np.zeros(1))) == (None, None, None)
     row = one.as_row()
-    assert (row["state"], row["left_c0_m"], row["left_c2_per_m"]) == ("lost", 1.7, 0.002)
-    assert row["offset_m"] is row["right_c0_m"] is None
+    assert (row["state"], row["left_c0_m"], row["offset_m"], row["right_c0_m"]) == ("lost", 1.7, None, None)
     # the width is measured across the lane
     heading = 0.1
     left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)
-
-
-def test_lines_in_the_image_run_from_far_to_near():
-    result = finder("hls_sobel").find(picture(HALF_LANE))
-    left_px, right_px = result.lines_px
-    assert right_px is None
-    np.testing.assert_allclose(result.warp.points_to_birdseye(left_px), result.left.points(720), atol=1e-6)
-    assert left_px[0, 1] < left_px[-1, 1]
 
 
 # Without distortion, so that the view of recipe A shows exactly what `image_of_view` was given.
@@ -254,18 +218,20 @@ def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
     assert (missed.state, seen.state) == ("kept", "kept")  # the gate refuses a jump of more than 100 px
 
 
-def test_unknown_recipes_and_sizes_are_named():
+def test_recipes_sizes_and_cameras_that_do_not_fit_are_named():
     with pytest.raises(ValueError, match="no recipe 'hls'; the recipes are hls_sobel, equalized_hsv, best_channel"):
         get_recipe("hls")
     with pytest.raises(ValueError, match="0x720 pixels is not valid"):
         get_recipe("hls_sobel", (0, 720))
-
-
-def test_a_camera_without_pose_needs_scales():
-    camera = replace(CAMERA, pose=None)
+    with pytest.raises(PictureError, match="720x1280 pixels, but the camera was calibrated for 1280x720"):
+        finder("hls_sobel").find(np.zeros((1280, 720, 3), np.uint8))
+    with pytest.raises(CameraError, match="recipe hls_sobel is for 640x360 pictures"):
+        LaneFinder(get_recipe("hls_sobel", (640, 360)), CAMERA)
+    without_pose = replace(CAMERA, pose=None)
     with pytest.raises(CameraError, match="has no pose .* or give metres_per_px"):
-        finder("hls_sobel", camera)
-    assert finder("hls_sobel", camera, metres_per_px=PUBLISHED_SCALES).find(picture(LEFT_BEND)).state == "found"
+        finder("hls_sobel", without_pose)
+    scaled = finder("hls_sobel", without_pose, metres_per_px=PUBLISHED_SCALES)
+    assert scaled.find(picture(LEFT_BEND)).state == "found"
 
 
 def test_recipe_c_chooses_a_channel_for_each_line():
@@ -277,25 +243,13 @@ def test_recipe_c_chooses_a_channel_for_each_line():
     assert len(result.left_found.pixels) and len(result.right_found.pixels)
 
 
-@pytest.mark.parametrize(("name", "right"), [("hls_sobel", 3), ("equalized_hsv", 3), ("best_channel", 5)])
-def test_embedded_stills_are_results_and_mostly_true(name, right):
-    """They show concrete, tree shadows and a car in the adjacent lane, so no recipe is right in all eight."""
-    data, errors_m = open_dataset(ROOT), []
-    shared = finder(name, data.true_camera())
-    for still in data.stills:
-        result, truth = shared.find(read_image(still)), data.true_lane(still)
-        assert result.state in ("found", "lost")
-        if result.state == "found":
-            errors_m.append(abs(result.offset_m - truth["offset_m"]))
-    assert (np.array(errors_m) < 0.05).sum() >= right
-
-
-@pytest.mark.skipif(not (REAL_DATA / "camera_cal").is_dir(), reason="needs the real stills in the folder LANES_DATA")
+@pytest.mark.skipif(not (REAL_DATA / "test_images").is_dir(), reason="needs the real stills in the folder LANES_DATA")
 def test_recipe_a_gives_its_published_numbers():
-    recipe_a = finder("hls_sobel", calibrate(REAL_DATA / "camera_cal"), metres_per_px=PUBLISHED_SCALES)
-    result = recipe_a.find(read_image(REAL_DATA / "test_images" / "test5.jpg"))
-    assert result.state == "found"
-    # The road bends right and the car is right of the centre; the published numbers have no signs.
+    """With a lens near the one that the real boards give. The published numbers have no signs."""
+    result = finder("hls_sobel", metres_per_px=PUBLISHED_SCALES).find(
+        read_image(REAL_DATA / "test_images" / "test5.jpg")
+    )
+    # The road bends right and the car is right of the centre.
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(-724, rel=0.1)
     assert 1 / result.right_road.curvature_per_m() == pytest.approx(-1614, rel=0.1)
     assert result.offset_m == pytest.approx(-0.170, rel=0.1)

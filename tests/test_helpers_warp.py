@@ -50,13 +50,11 @@ def test_images_and_binaries_move_as_points_do():
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (np.zeros((360, 640, 3), np.uint8), "is 640x360 pixels, but this warp is for 1280x720"),
         (np.zeros((720, 1281), np.uint8), "is 1281x720 pixels, but this warp is for 1280x720"),
         (np.zeros((720, 1280, 4), np.uint8), "expected an RGB image"),
-        (np.zeros((720, 1280), bool), "expected an RGB image"),
         (None, "got NoneType"),
     ],
-    ids=["small", "binary", "rgba", "bool", "none"],
+    ids=["size", "rgba", "none"],
 )
 def test_only_pictures_and_binaries_of_the_warps_size_are_taken(wrong, sentence):
     with pytest.raises(PictureError, match=sentence):
@@ -77,12 +75,6 @@ def test_view_points_lie_on_the_road_where_the_camera_put_them():
     road = np.array([[7.0, 1.5], [12.0, -2.0], [25.0, 0.3]])
     view = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(road)))
     np.testing.assert_allclose(birdseye_to_road(view, WARP, CAMERA), road, atol=1e-3)
-
-
-def test_scales_follow_the_camera_height_and_a_view_up_to_the_horizon_has_none():
-    pose = CAMERA.pose
-    high = metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(2 * pose.height_m, pose.pitch_rad, pose.yaw_rad)))
-    np.testing.assert_allclose(high, 2 * np.array(metres_per_pixel(WARP, CAMERA)), rtol=1e-9)
     with pytest.raises(CameraError, match="quadrangle of the warp reaches the horizon .*; choose lower points"):
         metres_per_pixel(WARP, CAMERA.with_pose(CameraPose(1.2, pitch_rad=-0.1)))
 
@@ -94,10 +86,7 @@ def test_fixed_scales_agree_with_the_road_on_a_true_map():
     exact, scaled = birdseye_to_road(points, warp, CAMERA), scale_to_road(points, scales, SIZE)
     # The bottom row is 6 m ahead, and the centre of the columns is the x axis of the road.
     np.testing.assert_allclose(scaled + [6.0, 0], exact, atol=2e-3)
-
-
-def test_axes_of_a_true_rectangle_are_linear():
-    axes = road_axes(road_rectangle_warp(), CAMERA)
+    axes = road_axes(warp, CAMERA)
     np.testing.assert_allclose(axes.x_m, 30 - np.arange(720) * 24 / 719, atol=1e-3)
     np.testing.assert_allclose(axes.y_m, (639.5 - np.arange(1280)) / 100, atol=1e-3)
 
@@ -120,6 +109,7 @@ def test_source_points_are_a_rectangle_on_the_road(name, camera):
     x, y = corners_on_road(recipe, camera).T
     assert sorted(x) == pytest.approx([x.min()] * 2 + [x.max()] * 2, rel=1e-3)
     assert np.abs(y) == pytest.approx([y.max()] * 4, rel=1e-3)
+    assert camera is CAMERA or x.max() == pytest.approx(60.0, rel=1e-3)  # the far edge is limited
     # The published left points stay left.
     left = np.array(published.source_px)[:, 0] < np.mean(published.source_px, axis=0)[0]
     assert ((y > 0) == left).all()
@@ -135,11 +125,6 @@ def test_edges_are_where_the_published_rows_are(name):
     near = np.array([point for point in published.source_px if point[1] == rows[0]])
     published_y = CAMERA.pixels_to_road(CAMERA.distort_points(near))[:, 1]
     assert np.ptp(y) == pytest.approx(np.ptp(published_y), rel=1e-3)
-
-
-def test_the_far_edge_is_limited():
-    x, _ = corners_on_road(recipe_from_pose(get_recipe("hls_sobel", PHONE.size), PHONE), PHONE).T
-    assert x.max() == pytest.approx(60.0, rel=1e-3)
 
 
 def test_without_pose_or_road_there_is_no_rectangle():
