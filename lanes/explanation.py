@@ -329,7 +329,7 @@ def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
         )
     losses = log_odds_losses(lane)
     feature = max(losses, key=losses.__getitem__)
-    return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "support", pose_advice)
+    return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "weaker line", pose_advice)
 
 
 def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:
@@ -363,12 +363,7 @@ def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str,
             "Check in the panel with the stripes what lies between the lines: a floor of tiles, a road with other "
             "markings, or two lanes that are taken for one. If a line of the lane itself lies there: " + pose_advice,
         ),
-        "clutter": (
-            f"the lines explain {lane.inlier_share:.0%} of what looks like paint.",
-            "Check in the panel with the stripes what else looks like paint, such as letters, cracks and reflections. "
-            + frames,
-        ),
-        "support": (
+        "weaker line": (
             f"there is paint on {min(left.support, 1):.0%} of the left and {min(right.support, 1):.0%} of the right "
             "line.",
             frames,

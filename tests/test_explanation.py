@@ -84,7 +84,6 @@ class TestGoodImage:
         ("change", "words"),
         [
             ({"clear_share": 0.3}, "other lines run between those of the lane: 30% of the stripes"),
-            ({"inlier_share": 0.1}, "the lines explain 10% of what looks like paint."),
             ({"same_lane_share": 0.2}, "only 20% of the camera poses"),
             ({"camera_yaw_rad": 0.1}, "the camera seems to look 5.7 deg farther to the right"),
         ],

@@ -1,24 +1,18 @@
-"""Fit the weights of `lanes.detect.confidence` by logistic regression on drives with known truth.
+"""Fit the weights of `lanes.detect.confidence` by logistic regression.
 
-    python -m tools.fit_confidence           fits; prints the weights and their calibration
-    python -m tools.fit_confidence --real FOLDER   corrects RENDERED_WEIGHTS on labelled real roads, see
-                                             benchmark.real_roads; prints weights fitted without each set in turn
-    python -m tools.fit_confidence --check   prints the calibration of the present weights on other roads
+    python -m tools.fit_confidence FOLDER [--workers 2]    prints weights, and the calibration with each set left out
     python -m tools.fit_confidence --markings model.onnx   prints `confidence_shift` for the YAML file of a network
 
-The drives are painted roads, on which paint, light, motion and pose errors are random, and the scenes of the suite,
-which add what paint on a plane cannot show: crests, hairpins, weather, traffic, and roads without a lane. Missing ones
-are rendered, which takes some minutes. Images without a road are added (rooms, maps, tiles), and images of flat scenes
-that are taken with random cameras, whose pose is estimated from the same image; correct means there: right in the
-image. One set of weights is fitted to all lanes.
-Calibration is measured by cross-validation: on scenes that were not part of the fit.
+The folder has labelled real roads of many cameras (`benchmark.real_roads`): each still alone, with the pose of its set,
+and the tracked clips. Images without a road are added (rooms, maps, tiles), photos of flat scenes by random cameras,
+and painted drives with random paint, light and motion. Some of these have a wrong camera pose.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -27,58 +21,53 @@ import numpy as np
 
 from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.evaluation import read_truth
-from benchmark.real_roads import WAYS, read_road_sets, score_set
-from benchmark.scored_drive import BenchmarkDrive, drive_from_video
+from benchmark.estimates import DriveEstimates
+from benchmark.real_roads import WAYS, RoadSet, read_road_sets, score_set
 from benchmark.systems import lane_estimate
-from lanes.camera import Camera, load_camera
+from lanes.camera import Camera
 from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
-from lanes.video.reader import inspect_video, read_video
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
-from simulator.scenes.suite import SUITE, render_scene
 from tests.support.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from tests.support.painted_roads import DASH_M
-from tests.support.photos import Photo, find_with_own_pose, flat_scenes, right_in_picture, take_photo
+from tests.support.photos import find_with_own_pose, flat_scenes, right_in_picture, take_photo
 
-DRIVES, SECONDS, FPS = 60, 3.0, 12.5
-# Every fourth frame is also detected without the tracker.
-STILL_EVERY = 4
-RIDGE = 1.0
-# The same for the correction of the present weights on real roads, chosen among 5, 8 and 14.
-REAL_RIDGE = 14.0
-# What is corrected: the weights that rendered and painted roads alone give.
-RENDERED_WEIGHTS = (-4.53, -2.67, 5.72, -0.91, -4.73, -3.91, 0.93, 1.28)
-# A set counts as this number of independent images at most, an image without a road as 6. A lane of a painted drive
-# counts little: it keeps what labelled images say nothing about, since their lanes are right or wrong in pixels.
-SET_IMAGES, NO_ROAD_WEIGHT, PAINTED_WEIGHT = 12, 6.0, 0.03
-# Frames of one drive are correlated: together they count as this number of independent ones.
-EFFECTIVE_FRAMES = 25.0
-# Number of parts of the cross-validation; a drive is in one part only.
-FOLDS = 12
-# Variants of each scene of the suite.
-SEEDS = (1,)
-# Factors of brightness of the stills, and the weight of those that are not 1.
-BRIGHTNESSES, OTHER_BRIGHTNESS_WEIGHT = (1.0, 0.5, 1.5), 0.5
-# Pictures without a road, of each kind, and the frames for which each is shown.
-NO_ROADS, NO_ROAD_FRAMES = 8, 12
-# Painted drives with a wrong camera pose, their first seed, and their weight: few users have one.
-WRONG_POSES, WRONG_POSE_SEED, WRONG_POSE_WEIGHT = 36, 200, 0.2
-# Photos of each flat scene, and pictures of each kind without a road, whose camera pose is their own; for each seed.
-PHOTOS, OWN_POSE_NO_ROADS, PHOTO_SEEDS, PHOTO_CHECK_SEEDS = 12, 16, (0, 1), (2,)
-# Weight of the latter: few of them have a pose, and users do try them.
-OWN_POSE_NO_ROAD_WEIGHT = 8.0
-# Samples are of these kinds, in this order.
-KINDS_OF_LANES = "tracked", "still", "own pose"
+# Painted drives with the right and with a wrong pose; every fourth frame is also detected without the tracker.
+RIGHT_POSES, WRONG_POSES, SECONDS, FPS, STILL_EVERY = range(4100, 4116), range(4000, 4020), 1.6, 12.5, 4
+# Images of each kind without a road, and photos of each flat scene.
+NO_ROADS, PHOTOS = 12, 8
+# What a lane of each source counts. Those of painted roads count little: metres decide there, and pixels elsewhere.
+# All lanes of one set, scene or drive count as this number of independent ones at most.
+REAL, NO_ROAD, PHOTO, PAINTED = "real", "no road", "photo", "painted"
+SOURCE_WEIGHTS, GROUP_LANES = {REAL: 1.0, NO_ROAD: 1.0, PHOTO: 0.5, PAINTED: 0.03}, 24.0
+# Penalty on a weight, relative to the variance of its feature, and on the constant.
+RIDGE, CONSTANT_RIDGE = 3.0, 0.1
+# Weights that are not fitted, because few labelled roads have a wrong yaw or height: with these, as many lanes of
+# painted drives with a wrong pose are sure (a fifth) as with weights that were fitted on such drives.
+FIXED = {"odd heading": -4.0, "odd width": -0.5}
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A lane: where it comes from, the set, scene or drive that it belongs to, its features, whether it is right."""
+
+    source: str
+    group: str
+    features: dict[str, float]
+    right: bool
+
+    @classmethod
+    def of(cls, lane: Lane, source: str, group: str, right: object) -> Sample:
+        """The sample of a lane."""
+        return cls(source, group, lane_features(lane), bool(right))
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
@@ -169,172 +158,142 @@ def wrong_pose(camera: Camera, seed: int) -> Camera:
 
 
 def samples_of_painted_drive(
-    seed: int,
-    camera: Camera = CAMERA,
-    *,
-    seconds: float = SECONDS,
-    fps: float = FPS,
-    pose_is_wrong: bool = False,
-    markings: Markings | None = None,
-) -> tuple[list, list]:
-    """Samples of a painted drive with this seed, see `label_lanes`; those with a wrong pose have a smaller weight."""
+    seed: int, camera: Camera = CAMERA, *, pose_is_wrong: bool = False, markings: Markings | None = None
+) -> tuple[list[Sample], list[Sample]]:
+    """Samples of the tracked lanes of a painted drive, and of lanes in some of its frames alone."""
     drive, camera = draw_drive(seed, camera)
-    times = np.arange(int(seconds * fps)) / fps
+    times = np.arange(int(SECONDS * FPS)) / FPS
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times]
     truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-    camera, weight = (wrong_pose(camera, seed), WRONG_POSE_WEIGHT) if pose_is_wrong else (camera, 1.0)
-    frames = map(drive.frame, times)
-    return label_lanes(frames, camera, truth, fps=fps, number=seed, weight=weight, markings=markings)
-
-
-def samples_of_no_road(kind: str, seed: int, number: int, *, markings: Markings | None = None) -> tuple[list, list]:
-    """Samples of a picture without a road, see `label_lanes`."""
-    shapes = ((2, len(AHEAD_M)), (2,), (), (), (), ())
-    truth = LaneTruth(*(np.full((NO_ROAD_FRAMES, *shape), np.nan) for shape in shapes))
-    frames = [not_a_road(kind, seed)] * NO_ROAD_FRAMES
-    return label_lanes(frames, CAMERA, truth, fps=FPS, number=number, markings=markings)
-
-
-def samples_of_video(drive: BenchmarkDrive, number: int, *, markings: Markings | None = None) -> tuple[list, list]:
-    """Samples of a drive of the suite, see `label_lanes`."""
-    camera, fps = load_camera(drive.video.with_suffix(".yaml")), inspect_video(drive.video).fps
-    truth, options = read_truth(drive), {"brightnesses": BRIGHTNESSES, "markings": markings}
-    return label_lanes(read_video(drive.video), camera, truth, fps=fps, number=number, **options)
-
-
-def samples_of_photos(seed: int) -> list[list[float]]:
-    """Samples (*features, correct, weight, number) of lanes whose camera pose is estimated from the same picture."""
-    rows = []
-    for number, scene in enumerate(flat_scenes()):
-        rng = np.random.default_rng([seed, number])
-        for _ in range(PHOTOS):
-            photo = take_photo(scene, rng)
-            rows += _label_photo(photo.frame.image, photo, number)
-    for number, kind in enumerate(KINDS):
-        for picture in range(OWN_POSE_NO_ROADS):
-            rows += _label_photo(not_a_road(kind, 1000 * seed + picture), None, -1 - number)
-    return rows
-
-
-def _label_photo(image: np.ndarray, photo: Photo | None, number: int) -> list[list[float]]:
-    """The sample of a picture of an unknown camera; none if no pose or no lane is found. `photo`: None without road."""
-    camera, lane = find_with_own_pose(image)
-    if camera is None or lane is None:
-        return []
-    correct = photo is not None and right_in_picture(lane, camera, photo.label)
-    return [[*lane_features(lane).values(), correct, OWN_POSE_NO_ROAD_WEIGHT if photo is None else 1.0, number]]
+    camera = wrong_pose(camera, seed) if pose_is_wrong else camera
+    return label_lanes(map(drive.frame, times), camera, truth, group=f"painted {seed}", markings=markings)
 
 
 def label_lanes(
-    frames: Iterable[np.ndarray],
-    camera: Camera,
-    truth: LaneTruth,
-    *,
-    fps: float,
-    number: int,
-    weight: float = 1.0,
-    brightnesses: tuple[float, ...] = (1.0,),
-    markings: Markings | None = None,
-) -> tuple[list, list]:
-    """Samples (*features, correct, weight, `number`) of the lanes in the frames: tracked ones, and those in stills."""
-    tracker = LaneTracker(camera, fps=fps, markings=markings)
-    tracked: list[Lane | None] = []
-    stills: dict[float, list[Lane | None]] = {brightness: [] for brightness in brightnesses}
+    frames: Iterable[np.ndarray], camera: Camera, truth: LaneTruth, *, group: str, markings: Markings | None = None
+) -> tuple[list[Sample], list[Sample]]:
+    """Samples of the lanes in frames with known truth: of those tracked, and of those in every fourth frame alone."""
+    tracker = LaneTracker(camera, fps=FPS, markings=markings)
+    tracked, alone = [], []
     for frame, image in enumerate(frames):
         tracked.append(tracker.update(image))
         if frame % STILL_EVERY == 0:
-            for brightness, lanes in stills.items():
-                lanes.append(find_lane(cv2.convertScaleAbs(image, alpha=brightness), camera, markings=markings))
-    other = weight * OTHER_BRIGHTNESS_WEIGHT
+            alone.append(find_lane(image, camera, markings=markings))
     some = truth.select(slice(0, len(tracked), STILL_EVERY))
-    samples = [_label(lanes, some, weight if light == 1 else other, number) for light, lanes in stills.items()]
-    return _label(tracked, truth, weight, number), sum(samples, [])
+    return _label(tracked, truth, group), _label(alone, some, group)
 
 
-def _label(lanes: list[Lane | None], truth: LaneTruth, weight: float, number: int) -> list[list[float]]:
+def _label(lanes: list[Lane | None], truth: LaneTruth, group: str) -> list[Sample]:
     """Samples of the lanes in the frames of a truth."""
     estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
-    correct = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
-    rows = zip(lanes, correct, strict=True)
-    return [[*lane_features(lane).values(), right, weight, number] for lane, right in rows if lane is not None]
+    right = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
+    return [Sample.of(lane, PAINTED, group, one) for lane, one in zip(lanes, right, strict=True) if lane]
+
+
+def samples_of_roads(task: tuple[RoadSet, str]) -> list[Sample]:
+    """Samples of a labelled set of real roads, in one of the ways to look at it."""
+    scored = score_set(task, TrackerSettings())
+    return [
+        Sample.of(one.lane, REAL, task[0].name, one.score.right)
+        for one in scored
+        if one.lane and one.score.right is not None
+    ]
+
+
+def samples_of_no_road(kind: str) -> list[Sample]:
+    """Samples of images without a road, searched with a pose of their own and with a given one."""
+    lanes: list[Lane | None] = []
+    for seed in range(NO_ROADS):
+        image = not_a_road(kind, seed)
+        lanes += [find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))]
+    return [Sample.of(lane, NO_ROAD, kind, False) for lane in lanes if lane]
+
+
+def samples_of_photos(number: int) -> list[Sample]:
+    """Samples of photos of a flat scene, whose camera pose is estimated from the same image."""
+    rng, scene, samples = np.random.default_rng([7, number]), flat_scenes()[number], []
+    for _ in range(PHOTOS):
+        photo = take_photo(scene, rng)
+        camera, lane = find_with_own_pose(photo.frame.image)
+        if camera and lane:
+            samples.append(Sample.of(lane, PHOTO, f"photo {number}", right_in_picture(lane, camera, photo.label)))
+    return samples
+
+
+def samples_of_painted_roads(markings: Markings | None = None, *, workers: int = 1) -> list[Sample]:
+    """Samples of painted drives with the right pose, and with a wrong one."""
+    camera = CAMERA.scaled((640, 360))
+    drives = (
+        run_all(
+            partial(samples_of_painted_drive, camera=camera, pose_is_wrong=wrong, markings=markings),
+            seeds,
+            workers=workers,
+        )
+        for wrong, seeds in ((False, RIGHT_POSES), (True, WRONG_POSES))
+    )
+    return [sample for some in drives for parts in some for part in parts for sample in part]
+
+
+def collect_samples(folder: Path, *, workers: int) -> list[Sample]:
+    """Samples of all sources; `folder` holds the labelled real roads."""
+    roads = [(one, way) for one in read_road_sets(folder) for way in WAYS]
+    parts = (
+        run_all(samples_of_roads, roads, workers=workers),
+        run_all(samples_of_no_road, KINDS, workers=workers),
+        run_all(samples_of_photos, range(len(flat_scenes())), workers=workers),
+    )
+    return [one for part in parts for some in part for one in some] + samples_of_painted_roads(workers=workers)
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Samples as arrays: features (N, F), right, weight, source and group (N,)."""
+
+    features: np.ndarray
+    right: np.ndarray
+    weight: np.ndarray
+    source: np.ndarray
+    group: np.ndarray
+
+    @classmethod
+    def of(cls, samples: Sequence[Sample]) -> Table:
+        """The table of samples."""
+        source, group = np.array([one.source for one in samples]), np.array([one.group for one in samples])
+        _, of, count = np.unique(group, return_inverse=True, return_counts=True)
+        weight = np.array([SOURCE_WEIGHTS[name] for name in source]) * np.minimum(1, GROUP_LANES / count[of])
+        features = np.array([[*one.features.values()] for one in samples]).reshape(len(samples), -1)
+        return cls(features, np.array([one.right for one in samples]), weight, source, group)
 
 
 def fit_logistic(
-    features: np.ndarray, correct: np.ndarray, drive: np.ndarray, weight: np.ndarray | float = 1.0
+    features: np.ndarray, right: np.ndarray, weight: np.ndarray, fixed: dict[int, float] | None = None
 ) -> np.ndarray:
-    """Weights of a logistic regression of `correct` (lanes,) on features (lanes, F): Newton's method, L2 penalty.
+    """Weights (F,) of a logistic regression of `right` (N,) on features (N, F), the first of which is 1.
 
-    All drives, whose numbers are `drive` (lanes,), have the same sum of weights, before `weight` (lanes,) is applied.
+    Newton's method with an L2 penalty on features of unit variance. `fixed` weights, by their column, are given.
     """
-    _, of, count = np.unique(drive, return_inverse=True, return_counts=True)
-    sample_weight, weights = weight * EFFECTIVE_FRAMES / count[of], np.zeros(features.shape[1])
-    for _ in range(50):
+    information = RIDGE * features.var(axis=0)
+    information[0] = CONSTANT_RIDGE
+    given = np.zeros(features.shape[1])
+    for column, value in (fixed or {}).items():
+        information[column], given[column] = 1e9, value
+    weights = given.copy()
+    for _ in range(40):
         probability = logistic(features @ weights)
-        spread = sample_weight * probability * (1 - probability)
-        hessian = (features.T * spread) @ features + RIDGE * np.eye(len(weights))
-        gradient = features.T @ (sample_weight * (correct - probability)) - RIDGE * weights
+        hessian = (features.T * (weight * probability * (1 - probability))) @ features + np.diag(information)
+        gradient = features.T @ (weight * (right - probability)) - information * (weights - given)
         weights += np.linalg.solve(hessian, gradient)
     return weights
 
 
-def correct_weights(
-    features: np.ndarray, right: np.ndarray, weight: np.ndarray, *, ridge: float = REAL_RIDGE
-) -> np.ndarray:
-    """`RENDERED_WEIGHTS` (F,), corrected on the features (lanes, F) of labelled real roads: they are the prior."""
-    rendered = np.array(RENDERED_WEIGHTS)
-    # a correction is measured by what it does to lanes that differ by the standard deviation of the feature
-    information = ridge * np.square(np.maximum(features.std(axis=0), 0.05))
-    information[0] = 0.1 * ridge
-    # few real drives have a wrong yaw
-    information[[*WEIGHTS].index("odd heading")] *= 100
-    correction = np.zeros(len(rendered))
-    for _ in range(40):
-        probability = logistic(features @ (rendered + correction))
-        hessian = (features.T * (weight * probability * (1 - probability))) @ features + np.diag(information)
-        gradient = features.T @ (weight * (right - probability)) - information * correction
-        correction += np.linalg.solve(hessian, gradient)
-    return rendered + correction
-
-
-def samples_of_real_roads(folder: Path, workers: int) -> tuple[np.ndarray, ...]:
-    """Features (lanes, F), right (lanes,), weight (lanes,) and set (lanes,) of real and painted roads, and of no roads.
-
-    The images without a road are searched with a pose of their own and with a given one.
-    """
-    tasks = [(roads, way) for roads in read_road_sets(folder) for way in WAYS]
-    found = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=workers)
-    rows = [
-        (roads.name, lane_features(one.lane), bool(one.score.right))
-        for (roads, _), some in zip(tasks, found, strict=True)
-        for one in some
-        if one.lane and one.score.right is not None
-    ]
-    for kind in KINDS:
-        for seed in range(12):
-            image = not_a_road(kind, seed)
-            lanes = find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))
-            rows += [(f"no {kind}", lane_features(lane), False) for lane in lanes if lane]
-    camera = CAMERA.scaled((640, 360))
-    for seed, wrong in [(4000 + k, True) for k in range(20)] + [(4100 + k, False) for k in range(12)]:
-        samples = samples_of_painted_drive(seed, camera, seconds=1.6, fps=12.5, pose_is_wrong=wrong)
-        rows += [(f"painted {seed}", dict(zip(WEIGHTS, row, strict=False)), row[-3] > 0) for row in sum(samples, [])]
-    name, features, right = zip(*rows, strict=True)
-    _, of, count = np.unique(name, return_inverse=True, return_counts=True)
-    kinds = {"no": NO_ROAD_WEIGHT, "painted": PAINTED_WEIGHT}
-    weight = np.array([kinds.get(text.split()[0], 1.0) for text in name]) * np.minimum(1, SET_IMAGES / count[of])
-    return np.array([[*some.values()] for some in features]), np.array(right), weight, np.array(name)
-
-
-def fit_on_real_roads(folder: Path, workers: int) -> None:
-    """Print the calibration of the present and of the corrected weights, left out set by set, and the latter."""
-    features, right, weight, name = samples_of_real_roads(folder, workers)
-    print_calibration("present", logistic(features @ np.array([*WEIGHTS.values()])), right, name)
-    left_out = np.zeros(len(right))
-    for one in np.unique(name):
-        rest = name != one
-        left_out[~rest] = logistic(features[~rest] @ correct_weights(features[rest], right[rest], weight[rest]))
-    print_calibration("corrected, each set left out", left_out, right, name)
-    print(dict(zip(WEIGHTS, np.round(correct_weights(features, right, weight), 2).tolist(), strict=True)))
+def left_out(table: Table, fixed: dict[int, float] | None = None) -> np.ndarray:
+    """Probabilities (N,) from weights that were fitted without the lane's own group."""
+    probability = np.zeros(len(table.right))
+    for name in np.unique(table.group):
+        rest = table.group != name
+        weights = fit_logistic(table.features[rest], table.right[rest], table.weight[rest], fixed)
+        probability[~rest] = logistic(table.features[~rest] @ weights)
+    return probability
 
 
 def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> float:
@@ -350,41 +309,9 @@ def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> 
     return shift
 
 
-def print_shift(markings: Markings, data: list[tuple[list, list]]) -> None:
-    """Print the constant of a network's confidence, fitted on tracked lanes and on those in stills."""
-    rows = np.array([row for one in data for part in one for row in part], float).reshape(-1, len(WEIGHTS) + 3)
-    if not rows[:, -3].any():
-        raise SystemExit(f"{markings}: no lane found with this network is correct; check its YAML file.")
-    _, of, count = np.unique(rows[:, -1], return_inverse=True, return_counts=True)
-    log_odds, correct = rows[:, :-3] @ np.array([*WEIGHTS.values()]), rows[:, -3] > 0
-    shift = fit_shift(log_odds, correct, rows[:, -2] / count[of])
-    print_calibration(f"{markings}, without a shift", logistic(log_odds), correct, rows[:, -1])
-    print_calibration(f"{markings}, with the shift", logistic(log_odds + shift), correct, rows[:, -1])
-    print(f"confidence_shift: {shift:.2f}")
-
-
 def logistic(log_odds: np.ndarray) -> np.ndarray:
     """Probabilities from logarithmic odds."""
     return 1 / (1 + np.exp(-log_odds))
-
-
-def cross_validated(
-    features: np.ndarray,
-    correct: np.ndarray,
-    drive: np.ndarray,
-    weight: np.ndarray | float = 1.0,
-    *,
-    parts: np.ndarray | None = None,
-) -> np.ndarray:
-    """Probabilities (lanes,) from weights that were fitted without the lane's own drive, or its `parts` (lanes,)."""
-    weight, parts = np.broadcast_to(weight, correct.shape), drive if parts is None else parts
-    numbers = np.random.default_rng(0).permutation(np.unique(parts))
-    probability = np.zeros(len(correct))
-    for fold in np.array_split(numbers, FOLDS):
-        held_out = np.isin(parts, fold)
-        weights = fit_logistic(features[~held_out], correct[~held_out], drive[~held_out], weight[~held_out])
-        probability[held_out] = logistic(features[held_out] @ weights)
-    return probability
 
 
 def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, drive: np.ndarray) -> None:
@@ -404,62 +331,31 @@ def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, dr
 def main() -> None:
     """Collect samples, fit, print the calibration."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--check", action="store_true", help="only check the present weights, on other roads")
-    parser.add_argument("--markings", metavar="MODEL.onnx", help="fit the constant of the lanes of this network")
-    parser.add_argument("--real", type=Path, metavar="FOLDER", help="correct the weights on labelled real roads")
-    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes, with --real")
+    what = parser.add_mutually_exclusive_group(required=True)
+    what.add_argument("folder", nargs="?", type=Path, help="labelled real roads, see benchmark.real_roads")
+    what.add_argument("--markings", metavar="MODEL.onnx", help="fit the constant of the lanes of this network")
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    if options.real:
-        fit_on_real_roads(options.real, options.workers)
-        return
+    present = np.array([*WEIGHTS.values()])
     if options.markings:
-        markings = load_markings(options.markings)
-        print_shift(markings, collect_samples(markings))
+        table = Table.of(samples_of_painted_roads(load_markings(options.markings)))
+        log_odds = table.features.reshape(-1, len(present)) @ present
+        if not table.right.any():
+            raise SystemExit(f"{options.markings}: no lane found with this network is right; check its YAML file.")
+        shift = fit_shift(log_odds, table.right, table.weight)
+        print_calibration(f"{options.markings}, without a shift", logistic(log_odds), table.right, table.group)
+        print_calibration(f"{options.markings}, with the shift", logistic(log_odds + shift), table.right, table.group)
+        print(f"confidence_shift: {shift:.2f}")
         return
-    if options.check:
-        data = [samples_of_painted_drive(seed) for seed in range(1000, 1000 + DRIVES // 2)]
-    else:
-        data = collect_samples()
-    seeds = PHOTO_CHECK_SEEDS if options.check else PHOTO_SEEDS
-    samples = [[row for one in data for row in one[part]] for part in (0, 1)]
-    samples.append([row for seed in seeds for row in samples_of_photos(seed)])
-    kind = np.repeat(np.arange(len(samples)), [len(rows) for rows in samples])
-    fit_weights(np.array(sum(samples, []), float), kind, only_check=options.check)
-
-
-def fit_weights(rows: np.ndarray, kind: np.ndarray, *, only_check: bool) -> None:
-    """Print the calibration of the present weights on samples (N, ...), by their kind (N,); fit new ones.
-
-    With `only_check` none are fitted.
-    """
-    features, correct, weight, drive = rows[:, :-3], rows[:, -3] > 0, rows[:, -2], rows[:, -1]
-    # A drive that is tracked, and its stills, are different drives.
-    group = np.unique(np.stack([kind, drive]), axis=1, return_inverse=True)[1].ravel()
-    fits = {"present": logistic(features @ np.array([*WEIGHTS.values()]))}
-    if not only_check:
-        fits["new, cross-validated"] = cross_validated(features, correct, group, weight, parts=drive)
-    for name, confidence in fits.items():
-        for number, kind_name in enumerate(KINDS_OF_LANES):
-            some = (weight >= 1) & (kind == number)
-            print_calibration(f"{kind_name}, {name}", confidence[some], correct[some], drive[some])
-    if not only_check:
-        weights = fit_logistic(features, correct, group, weight)
-        print(dict(zip(WEIGHTS, np.round(weights, 2).tolist(), strict=True)))
-
-
-def collect_samples(markings: Markings | None = None) -> list[tuple[list, list]]:
-    """Samples of the painted drives and of the suite. Variants of a scene share a number."""
-    data = [samples_of_painted_drive(seed, markings=markings) for seed in range(DRIVES)]
-    wrong = range(WRONG_POSE_SEED, WRONG_POSE_SEED + WRONG_POSES)
-    data += [samples_of_painted_drive(seed, pose_is_wrong=True, markings=markings) for seed in wrong]
-    for number, kind in enumerate(KINDS):
-        data += [samples_of_no_road(kind, seed, -1000 - number, markings=markings) for seed in range(NO_ROADS)]
-    for number, (name, scene) in enumerate(SUITE.items()):
-        for seed in SEEDS:
-            drive = drive_from_video(render_scene(name, seed=seed), difficulty=scene.difficulty)
-            data.append(samples_of_video(drive, -1 - number, markings=markings))
-    return data
+    table = Table.of(collect_samples(options.folder, workers=options.workers))
+    fixed = {[*WEIGHTS].index(name): value for name, value in FIXED.items()}
+    for name, confidence in (("present", logistic(table.features @ present)), ("left out", left_out(table, fixed))):
+        for source in SOURCE_WEIGHTS:
+            of = table.source == source
+            print_calibration(f"{source}, {name}", confidence[of], table.right[of], table.group[of])
+    weights = fit_logistic(table.features, table.right, table.weight, fixed)
+    print(dict(zip(WEIGHTS, np.round(weights, 2).tolist(), strict=True)))
 
 
 if __name__ == "__main__":

@@ -3,8 +3,7 @@
 A lane is correct if both lines lie within 0.2 m of the true ones, as the root mean square over 5, 10, 15, 20 and 30 m
 ahead. Where the camera pose was estimated from the same picture, metres are uncertain; there a lane is correct if both
 lines are right in the picture. The probability is a logistic regression on a few features of the lane.
-`tools/fit_confidence.py` fits it on painted and rendered roads, whose truth is known, and corrects it on labelled real
-roads of many cameras and on images without a road.
+`tools/fit_confidence.py` fits it on labelled real roads of many cameras, and on images without a road.
 """
 
 from __future__ import annotations
@@ -24,17 +23,17 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
-    "constant": -5.36,
-    "near std": -3.26,
-    "between": 8.44,
-    "odd width": -0.9,
-    "other lanes": -3.34,
-    "odd heading": -3.88,
-    "clutter": 0.49,
-    "support": 1.77,
+    "constant": 1.3,
+    "near std": -1.8,
+    "between": 6.1,
+    "odd width": -0.5,
+    "other lanes": -1.8,
+    "odd heading": -4.0,
+    "weaker line": 1.2,
 }
-# Limits of features: the lines of a floor of tiles are as certain as those of a road; two solid lines.
-MIN_NEAR_STD_M, MAX_SUPPORT = 0.1, 1.5
+# Limits of features: the lines of a floor of tiles are as certain as those of a road. A line has paint on at least a
+# few rows; with more than those of a good dashed line it is no more certain.
+MIN_NEAR_STD_M, MIN_SUPPORT, GOOD_SUPPORT = 0.1, 0.03, 0.4
 # Usual width of lanes, and its standard deviation; that of a lane with its own pose, whose height is uncertain, too.
 USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
 
@@ -60,11 +59,8 @@ def lane_features(lane: Lane) -> dict[str, float]:
         # Share of the camera poses tried that do not show this lane: the image allows several.
         "other lanes": 0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
         "odd heading": max(heading, yaw),
-        # Share of all paint-like stripes in view that the lane and its neighbours explain: bricks and letters look like
-        # paint, too.
-        "clutter": float(np.log(max(lane.inlier_share, 0.02))),
-        # Roots of the supports of both lines.
-        "support": min(lane.left.support**0.5 + lane.right.support**0.5, MAX_SUPPORT),
+        # Support of the line with less paint: most wrong lanes have one line that is seen and one that is a guess.
+        "weaker line": float(np.log(MIN_SUPPORT + min(lane.left.support, lane.right.support, GOOD_SUPPORT))),
     }
 
 
@@ -81,7 +77,7 @@ def log_odds_terms(lane: Lane) -> dict[str, float]:
 
 def log_odds_losses(lane: Lane) -> dict[str, float]:
     """What the features of a lane cost, compared with the best possible values, by name; the largest is the weakest."""
-    best = {"near std": float(np.log(MIN_NEAR_STD_M)), "support": MAX_SUPPORT}
+    best = {"near std": float(np.log(MIN_NEAR_STD_M)), "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT))}
     terms = log_odds_terms(lane)
     return {name: WEIGHTS[name] * best.get(name, 0.0) - terms[name] for name in WEIGHTS if name != "constant"}
 

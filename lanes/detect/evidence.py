@@ -80,7 +80,9 @@ def find_evidence(
         of_mask = mask.strength(view, settings)
         strength, sources = (np.maximum(strength, of_mask), [*sources, "mask"]) if own else (of_mask, ["mask"])
     response = replace(band, strength=strength)
-    stripes, band_strength = place(find_stripes(response, view, settings), band.strength, view, settings)
+    stripes = find_stripes(response, view, settings)
+    if len(sources) > 1 or mask is not None:
+        stripes, band_strength = place(stripes, band.strength, view, settings)
     if mask is not None:
         # a stripe of a mask alone is as exact as its pixels, and has no profile
         cell_px = 1 if own else max(view.camera.width / mask.probability.shape[1], 1)

@@ -110,13 +110,6 @@ class Fit:
         nearby &= np.abs(self.residuals.angle_residual_rad) < angle_rad
         return self.explained < (1 - self.settings.max_unexplained) * (nearby @ self.stripes.weight)
 
-    @property
-    def inlier_share(self) -> np.ndarray:
-        """(K,) share of the weight of all stripes up to 45 m ahead that the lines of the lanes explain."""
-        near = self.stripes.x_m < self.settings.nearby[2]
-        # one stripe more on either side: an image without stripes has no clutter
-        return (1 + self.weight @ near) / (1 + float(self.stripes.weight @ near))
-
     @cached_property
     def on_line(self) -> np.ndarray:
         """(K, 2, stripes) bool: the stripe is nearest to the left or to the right line of the lane."""

@@ -195,8 +195,6 @@ class Lane(ByValue):
         Of the far lines of the adjacent lanes to the left and to the right; see `adjacent`.
     score : float
         Sum of the square roots of the lines' supports.
-    inlier_share : float
-        Share of everything in view that looks like paint which the lines of this lane and of its neighbours explain.
     clear_share : float
         Of the stripes along the lane, on its lines and between them, the share on its lines. Tiles and bricks have
         lines between those of the lane; so have two lanes that are taken for one.
@@ -222,7 +220,6 @@ class Lane(ByValue):
     evidence: tuple[LineEvidence, LineEvidence]
     score: float
     state: str = FOUND
-    inlier_share: float = 1.0
     clear_share: float = 1.0
     same_lane_share: float | None = None
     camera_yaw_rad: float | None = None

@@ -79,7 +79,6 @@ def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Se
         evidence=(replace(left, rows=None), replace(right, rows=None)),
         # a lane that the car is not in starts no track
         score=lane_score((left, right)) - (not is_ego_lane(fit.lanes)[0]),
-        inlier_share=float(fit.inlier_share[0]),
         clear_share=clear_share(fit),
         far_evidence=observe_far_lines(fit, evidence),
         confidence_shift=evidence.confidence_shift,

@@ -325,8 +325,7 @@ class LaneTracker:
                 return
             self._state, self._regained = COASTING, 0
         self._estimate = estimate
-        shares = float(fit.inlier_share[0]), clear_share(fit)
-        self._lane = self._describe(estimate, lines, far, shares, elapsed_s)
+        self._lane = self._describe(estimate, lines, far, clear_share(fit), elapsed_s)
 
     def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
         """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
@@ -378,18 +377,17 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         self._state, self._confirmed = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, 1
-        shares = found.inlier_share, found.clear_share
-        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, shares, 0.0)
+        self._lane = self._describe(self._estimate, found.evidence, found.far_evidence, found.clear_share, 0.0)
 
     def _describe(
         self,
         estimate: State,
         lines: Sequence[LineEvidence],
         far: FarEvidence,
-        shares: tuple[float, float],
+        clear: float,
         elapsed_s: float,
     ) -> Lane:
-        """The estimate as a lane: double lines are bounded by their inner stripes; its inlier and clear `shares`."""
+        """The estimate as a lane: double lines are bounded by their inner stripes; its share of `clear` stripes."""
         left, right = lines
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
@@ -402,8 +400,7 @@ class LaneTracker:
             fit_covariance=estimate.lane_covariance,
             evidence=(left, right),
             score=lane_score(lines),
-            inlier_share=shares[0],
-            clear_share=shares[1],
+            clear_share=clear,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,

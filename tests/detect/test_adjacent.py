@@ -99,7 +99,7 @@ def test_an_uncertain_or_coasting_lane_states_none():
     lane = a_lane_with_far_lines()
     assert None not in lane.adjacent
     assert replace(lane, state=COASTING).adjacent == (None, None)
-    doubtful = replace(lane, clear_share=0.01, inlier_share=0.01)
+    doubtful = replace(lane, clear_share=0.01)
     assert doubtful.confidence < LIKELY_CONFIDENCE and doubtful.adjacent == (None, None)
 
 

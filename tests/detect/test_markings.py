@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import lanes
-from lanes.drive import DriveSettings
 from lanes.detect.confidence import SURE_CONFIDENCE
 from lanes.detect.markings import find_mask, load_markings
 from lanes.detect.paint import lightness
+from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
 from lanes.images import write_image

@@ -21,7 +21,7 @@ from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools.ablation import ALL_ON, MECHANISMS, measure, table_row, with_value
 from tools.budgets import compare_sizes, measure_sizes
-from tools.fit_confidence import cross_validated, fit_logistic, fit_shift, label_lanes, logistic
+from tools.fit_confidence import PAINTED, Sample, Table, fit_logistic, fit_shift, label_lanes, left_out, logistic
 from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
 
 
@@ -63,20 +63,24 @@ class TestTheFit:
         rng = np.random.default_rng(3)
         features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
         right = rng.random(4000) < logistic(features @ [1.0, -2.0])
-        np.testing.assert_allclose(fit_logistic(features, right, np.arange(4000)), [1.0, -2.0], atol=0.15)
+        np.testing.assert_allclose(fit_logistic(features, right, np.ones(4000)), [1.0, -2.0], atol=0.15)
+        np.testing.assert_allclose(fit_logistic(features, right, np.ones(4000), {1: -2.0}), [1.0, -2.0], atol=0.15)
+        assert fit_logistic(features, right, np.ones(4000), {1: -4.0})[1] == pytest.approx(-4.0)
 
     def test_long_drives_count_no_more_than_short_ones(self):
-        features = np.ones((1010, 1))
-        right, drive = np.repeat([True, False], [1000, 10]), np.repeat([0, 1], [1000, 10])
-        assert fit_logistic(features, right, drive)[0] == pytest.approx(0.0, abs=1e-6)
+        samples = [Sample(PAINTED, "long", {"constant": 1.0}, True)] * 1000
+        samples += [Sample(PAINTED, "short", {"constant": 1.0}, False)] * 24
+        table = Table.of(samples)
+        assert fit_logistic(table.features, table.right, table.weight)[0] == pytest.approx(0.0, abs=1e-6)
 
     def test_a_drive_says_nothing_of_itself(self):
         """Each drive has a feature of its own that tells all: only to those who have seen the drive."""
-        drive = np.repeat(np.arange(10), 20)
+        drive = np.repeat(np.arange(10), 200)
         right = drive % 2 == 0
-        features = np.column_stack([np.ones(200), drive[:, None] == np.arange(10)])
-        assert np.abs(cross_validated(features, right, drive) - 0.5).max() < 0.2
-        assert np.abs(logistic(features @ fit_logistic(features, right, drive)) - right).max() < 0.2
+        features = np.column_stack([np.ones(2000), drive[:, None] == np.arange(10)])
+        table = Table(features, right, np.ones(2000), np.full(2000, PAINTED), drive)
+        assert np.abs(left_out(table) - 0.5).max() < 0.2
+        assert np.abs(logistic(features @ fit_logistic(features, right, table.weight)) - right).max() < 0.2
 
     def test_the_constant_of_a_network_corrects_the_mean_confidence(self):
         log_odds, chance = np.linspace(-4, 4, 4001), np.random.default_rng(0).random(4001)
@@ -88,11 +92,11 @@ class TestTheFit:
         rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(9)]
         truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
         frames = [BENDS.frame(i / 12.5) for i in range(9)]
-        followed, alone = label_lanes(frames, BENDS.camera, truth, fps=12.5, number=7)
+        followed, alone = label_lanes(frames, BENDS.camera, truth, group="bends")
         assert [len(followed), len(alone)] == [9, 3]
-        assert {row[-1] for row in followed + alone} == {7} and all(row[-3] for row in followed + alone)
+        assert {one.group for one in followed + alone} == {"bends"} and all(one.right for one in followed + alone)
         aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-        assert not any(row[-3] for rows in label_lanes(frames, BENDS.camera, aside, fps=12.5, number=7) for row in rows)
+        assert not any(one.right for some in label_lanes(frames, BENDS.camera, aside, group="") for one in some)
 
 
 CAMERA = dashcam()
