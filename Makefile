@@ -134,7 +134,7 @@ $(INSTALLED): requirements.txt
 		print('\n'.join(extras['$*']).replace('>=', '=='))" > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags; recorders: mcap, protobuf) need these;
+# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags, mcap; recorders: protobuf) need these;
 # without them they are skipped.
 $(OPTIONAL): .venv/installed-%.txt: .venv/extra-%.txt
 	@echo "== Installing the extra $* into .venv (once)"
@@ -146,7 +146,7 @@ $(MEASURING) $(BOOK): .venv/installed-%.txt: .venv/extra-%.txt
 	@$(INSTALL) --upgrade --target .venv/$* -r $<
 	@cp $< $@
 
-# All packages that requirements.txt, the book, Dask and rosbags depend on, with hashes, for Python 3.11-3.14.
+# All packages that requirements.txt, the book, Dask and the robot logs depend on, with hashes, for Python 3.11-3.14.
 lock: .venv/extra-book.txt .venv/extra-cluster.txt .venv/extra-ros.txt
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@$(COMPILE) requirements.txt $^ -o requirements.lock

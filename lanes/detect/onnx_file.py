@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from lanes.errors import LaneError
-from lanes.files import require_file
+from lanes.files import protobuf_fields, require_file
 
 # The messages inside a message, by field number, on the way from the model to its tensors.
 _PARTS: Mapping[str, Mapping[int, str]] = {
@@ -133,7 +133,7 @@ def _embed(kind: str, data: bytes, read: Callable[[str], bytes]) -> bytes:
     if kind == "tensor":
         return _embed_tensor(data, read)
     pieces, changed = [], False
-    for number, whole, content in _fields(data):
+    for number, whole, content in protobuf_fields(data):
         if (part := _PARTS[kind].get(number)) and isinstance(content, bytes):
             new = _embed(part, content, read)
             changed |= new is not content
@@ -143,7 +143,7 @@ def _embed(kind: str, data: bytes, read: Callable[[str], bytes]) -> bytes:
 
 
 def _embed_tensor(data: bytes, read: Callable[[str], bytes]) -> bytes:
-    fields = list(_fields(data))
+    fields = list(protobuf_fields(data))
     if not any(number == 14 and content == 1 for number, _, content in fields):  # data_location: EXTERNAL
         return data
     entries = [dict(_fields_of(content)) for number, _, content in fields if number == 13]
@@ -167,37 +167,7 @@ def _first_input(data: bytes) -> tuple[int, tuple[int | None, ...]]:
 
 
 def _fields_of(data: bytes) -> Iterator[tuple[int, Any]]:
-    return ((number, content) for number, _, content in _fields(data))
-
-
-def _fields(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
-    """The fields of a message: number, all bytes, and content, a number or bytes. Raises IndexError at a cut."""
-    at = 0
-    while at < len(data):
-        begin = at
-        tag, at = _read_varint(data, at)
-        wire, length, content = tag & 7, {1: 8, 5: 4}.get(tag & 7, 0), None
-        if wire == 0:
-            content, at = _read_varint(data, at)
-        elif wire == 2:
-            length, at = _read_varint(data, at)
-        elif not length:
-            raise IndexError
-        if at + length > len(data):
-            raise IndexError
-        yield tag >> 3, data[begin : at + length], data[at : at + length] if content is None else content
-        at += length
-
-
-def _read_varint(data: bytes, at: int) -> tuple[int, int]:
-    number = shift = 0
-    while True:
-        number |= (data[at] & 127) << shift
-        at, shift = at + 1, shift + 7
-        if data[at - 1] < 128:
-            return number, at
-        if shift > 63:
-            raise IndexError
+    return ((number, content) for number, _, content in protobuf_fields(data))
 
 
 def _field(number: int, content: bytes) -> bytes:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from itertools import chain
 from typing import Any
 
 import av
@@ -112,37 +114,24 @@ def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
     return cv2.cvtColor(image, cv2.COLOR_BGRA2RGB if image.shape[2] == 4 else cv2.COLOR_BGR2RGB)
 
 
-class VideoDecoder:
-    """Decoder of messages with a frame each of a video without B frames, as foxglove.CompressedVideo has them.
+def decode_video(messages: Iterable[tuple[int, Any]], codec: str, name: str) -> Iterator[tuple[int, np.ndarray]]:
+    """(index, RGB image) of (index, message) with a frame each of a video without B frames; damaged ones are left out.
 
     Raises VideoError about `name` if the codec is not known.
     """
-
-    def __init__(self, codec: str, name: str) -> None:
-        if codec not in CODECS:
-            raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
-        self._context: Any = av.CodecContext.create(CODECS[codec][0], "r")
-        self._context.thread_count = 1  # more would hold frames back
-        self._context.options = {"max_pixels": str(MAX_PIXELS)}
-
-    def decode(self, data: Any, number: int) -> Iterator[tuple[int, np.ndarray]]:
-        """(number, RGB image) of each frame that the data of a message complete; damaged ones are left out."""
-        packet = av.Packet(bytes(data))
-        packet.pts = number
-        yield from self._frames(packet)
-
-    def flush(self) -> Iterator[tuple[int, np.ndarray]]:
-        """The frames that are still missing."""
-        yield from self._frames(None)
-
-    def _frames(self, packet: av.Packet | None) -> Iterator[tuple[int, np.ndarray]]:
-        try:
-            frames = self._context.decode(packet)
-        except av.FFmpegError:
-            return
-        for frame in frames:
-            if not frame.is_corrupt and frame.pts is not None:
-                yield frame.pts, frame.to_ndarray(format="rgb24")
+    if codec not in CODECS:
+        raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
+    context: Any = av.CodecContext.create(CODECS[codec][0], "r")
+    context.thread_count = 1  # more would hold frames back
+    context.options = {"max_pixels": str(MAX_PIXELS)}
+    for index, message in chain(messages, [(0, None)]):
+        packet = av.Packet(bytes(message.data)) if message else None  # the last one flushes
+        if packet is not None:
+            packet.pts = index
+        with suppress(av.FFmpegError):
+            for frame in context.decode(packet):
+                if not frame.is_corrupt and frame.pts is not None:
+                    yield frame.pts, frame.to_ndarray(format="rgb24")
 
 
 def is_key_frame(data: Any, codec: str) -> bool:

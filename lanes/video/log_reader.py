@@ -1,19 +1,21 @@
 """Robot logs opened: ROS 1 bags, files and folders of ROS 2 bags, and MCAP files of any kind, as topics and messages.
 
 Messages are those of ROS, or those of Foxglove's schemas with the fields of ROS. No definitions of messages are read
-from the log. rosbags reads .bag files and deserializes messages of ROS.
+from the log. rosbags reads .bag files and deserializes messages of ROS; mcap reads MCAP files of all profiles.
 """
 
 from __future__ import annotations
 
 import base64
 import json
+import re
 import shutil
 import sqlite3
 import struct
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
@@ -21,8 +23,7 @@ from types import SimpleNamespace
 from typing import Any
 
 from lanes.errors import LaneError, VideoError
-from lanes.files import parse_yaml, read_text
-from lanes.video.mcap import McapFile, import_zstd
+from lanes.files import parse_yaml, protobuf_fields, read_text
 
 # Ends of the names of logs, also compressed by rosbag2.
 LOG_NAMES = r"\.(bag|db3|mcap)(\.zstd?)?$"
@@ -56,31 +57,53 @@ _ROS_FIELDS = {
 
 @dataclass(frozen=True)
 class Topic:
-    """A topic of a log: the short type of its messages, such as CompressedImage, its package, and their number."""
+    """A topic of a log: the type and encoding of its messages as the log names them, and their number."""
 
     name: str
-    package: str
-    kind: str
-    count: int
+    type_name: str
     encoding: str
+    count: int
 
     @property
-    def type_name(self) -> str:
-        """Text such as "foxglove.CompressedVideo (protobuf)"."""
-        separator = "." if self.package == "foxglove" else "/msg/"
-        return f"{self.package}{separator}{self.kind} ({self.encoding})"
+    def package(self) -> str:
+        """The package of the type, such as sensor_msgs in sensor_msgs/msg/Image, or foxglove in foxglove.RawImage."""
+        return re.split(r"[./]", self.type_name)[0]
+
+    @property
+    def kind(self) -> str:
+        """The type without its package, such as Image."""
+        return re.split(r"[./]", self.type_name)[-1]
 
 
 class LogReader:
-    """Topics and messages of a log that is open."""
+    """Topics and messages of an open log, which may have several files."""
 
-    def __init__(self, topics: dict[str, Topic], read: Callable[[str, int], Iterator[tuple[int, Any]]]) -> None:
-        self.topics = topics
-        self._read = read
+    def __init__(self, files: list[_OpenFile]) -> None:
+        self._files = files
+        self.topics: dict[str, Topic] = {}
+        for _, topic in (channel for file in files for channel in file.channels):
+            before = self.topics.get(topic.name)
+            self.topics[topic.name] = replace(topic, count=topic.count + (before.count if before else 0))
 
     def messages(self, topic: str, start_ns: int = 0) -> Iterator[tuple[int, Any]]:
         """(time of the recording in ns, message) on a topic, recorded not before `start_ns`, in the log's order."""
-        return self._read(topic, start_ns)
+        decode = _decoder(self.topics[topic])
+        for file in self._files:
+            keys = [key for key, of_channel in file.channels if of_channel.name == topic]
+            for time_ns, data in file.read(keys, start_ns) if keys else ():
+                yield time_ns, decode(data)
+
+
+@dataclass(frozen=True)
+class _OpenFile:
+    """The channels of a file, each with its key, and a function that reads those of some keys from a time on.
+
+    A topic has several channels if several programs write to it. The function yields (time of the recording in ns,
+    data).
+    """
+
+    channels: list[tuple[Any, Topic]]
+    read: Callable[[list[Any], int], Iterator[tuple[int, bytes]]]
 
 
 def is_bag_folder(path: str | Path) -> bool:
@@ -97,13 +120,12 @@ def open_log(path: Path | str) -> Iterator[LogReader]:
     try:
         import_module("rosbags")  # also writes the lane of logs that are read without it
         with ExitStack() as opened:
-            parts = _list_parts(path) if path.is_dir() else [path]
-            readers = [opened.enter_context(_open_file(_unpacked(part, opened))) for part in parts]
-            yield readers[0] if len(readers) == 1 else _join(readers)
+            parts = [_unpacked(part, opened) for part in (_list_parts(path) if path.is_dir() else [path])]
+            yield LogReader([_OPENERS[part.suffix](part, opened) for part in parts])
     except LaneError:
         raise
     except ImportError as error:
-        raise VideoError(f"{path}: robot logs need rosbags, which is missing; run `pip install rosbags`.") from error
+        raise VideoError(f"{path}: robot logs need two packages ({error}); run `pip install rosbags mcap`.") from error
     except Exception as error:  # damaged files raise many types
         raise VideoError(f"{path}: is cut off, damaged, encrypted or no robot log ({error}); copy it again.") from error
 
@@ -124,100 +146,74 @@ def _unpacked(path: Path, opened: ExitStack) -> Path:
     if path.suffix not in (".zstd", ".zst"):
         return path
     unpacked = Path(opened.enter_context(TemporaryDirectory()), path.stem)
-    with import_zstd().open(path, "rb") as source, unpacked.open("wb") as target:
+    with import_module("zstandard").open(path, "rb") as source, unpacked.open("wb") as target:
         shutil.copyfileobj(source, target)
     return unpacked
 
 
-def _join(readers: list[LogReader]) -> LogReader:
-    """Parts of a recording as one log."""
-    topics: dict[str, Topic] = {}
-    for reader in readers:
-        for name, topic in reader.topics.items():
-            count = topic.count + (topics[name].count if name in topics else 0)
-            topics[name] = Topic(name, topic.package, topic.kind, count, topic.encoding)
-
-    def read(topic: str, start_ns: int) -> Iterator[tuple[int, Any]]:
-        for reader in readers:
-            if topic in reader.topics:
-                yield from reader.messages(topic, start_ns)
-
-    return LogReader(topics, read)
-
-
-@contextmanager
-def _open_file(path: Path) -> Iterator[LogReader]:
-    with {".bag": _open_bag, ".db3": _open_database, ".mcap": _open_mcap}[path.suffix](path) as reader:
-        yield reader
-
-
-def _topic(name: str, type_name: str, count: int, encoding: str) -> Topic:
-    """A topic with a type such as sensor_msgs/msg/Image, sensor_msgs/Image or foxglove.CompressedImage."""
-    words = type_name.replace(".", "/").split("/")
-    return Topic(name, words[0], words[-1], count, encoding)
-
-
-@contextmanager
-def _open_bag(path: Path) -> Iterator[LogReader]:
+def _open_bag(path: Path, opened: ExitStack) -> _OpenFile:
     from rosbags import rosbag1
 
-    with rosbag1.Reader(path) as bag:
-        topics = {n: _topic(n, info.msgtype or "/", info.msgcount, "ros1") for n, info in bag.topics.items()}
+    bag = opened.enter_context(rosbag1.Reader(path))
 
-        def read(name: str, start_ns: int) -> Iterator[tuple[int, Any]]:
-            decode = _decoder(topics[name])
-            for _, time_ns, data in bag.messages(bag.topics[name].connections, start=start_ns):
-                yield time_ns, decode(data)
+    def read(connections: list[Any], start_ns: int) -> Iterator[tuple[int, bytes]]:
+        return ((time_ns, data) for _, time_ns, data in bag.messages(connections, start=start_ns))
 
-        yield LogReader(topics, read)
+    return _OpenFile([(c, Topic(c.topic, c.msgtype, "ros1", c.msgcount)) for c in bag.connections], read)
 
 
-@contextmanager
-def _open_database(path: Path) -> Iterator[LogReader]:
+def _open_database(path: Path, opened: ExitStack) -> _OpenFile:
     log = path.with_name(f"{path.name}-wal")
     # As it is: SQLite would write files next to a database in WAL mode, even if nothing is in its log.
     mode = "mode=ro" if log.is_file() and log.stat().st_size else "immutable=1"
-    with closing(sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)) as database:
-        try:
-            rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
-        except sqlite3.OperationalError as error:
-            if mode != "mode=ro":
-                raise
-            fault = f"its recorder was killed, and its log {log.name} cannot be read"
-            raise VideoError(f"{path}: {fault}; copy both into a folder that may be written to.") from error
-        numbers: dict[str, list[int]] = {}
-        counts = dict(database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
-        topics = {}
-        for number, name, kind, encoding in rows:
-            numbers.setdefault(name, []).append(number)
-            topics[name] = _topic(name, kind, sum(counts.get(n, 0) for n in numbers[name]), encoding)
+    connection = sqlite3.connect(f"{path.absolute().as_uri()}?{mode}", uri=True, check_same_thread=False)
+    database = opened.enter_context(closing(connection))
+    try:
+        rows = database.execute("SELECT id, name, type, serialization_format FROM topics").fetchall()
+    except sqlite3.OperationalError as error:
+        if mode != "mode=ro":
+            raise
+        fault = f"its recorder was killed, and its log {log.name} cannot be read"
+        raise VideoError(f"{path}: {fault}; copy both into a folder that may be written to.") from error
+    counts = dict(database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
-        def read(name: str, start_ns: int) -> Iterator[tuple[int, Any]]:
-            decode, ids = _decoder(topics[name]), numbers[name]
-            which = f"topic_id IN ({','.join('?' * len(ids))}) AND timestamp >= ? ORDER BY timestamp, id"
-            command = f"SELECT timestamp, data FROM messages WHERE {which}"
-            for time_ns, data in database.execute(command, [*ids, start_ns]):
-                yield time_ns, decode(data)
+    def read(numbers: list[int], start_ns: int) -> Iterator[tuple[int, bytes]]:
+        which = f"topic_id IN ({','.join('?' * len(numbers))}) AND timestamp >= ? ORDER BY timestamp, id"
+        return database.execute(f"SELECT timestamp, data FROM messages WHERE {which}", [*numbers, start_ns])
 
-        yield LogReader(topics, read)
+    return _OpenFile([(n, Topic(name, kind, encoding, counts.get(n, 0))) for n, name, kind, encoding in rows], read)
 
 
-@contextmanager
-def _open_mcap(path: Path) -> Iterator[LogReader]:
-    with McapFile(path) as mcap:
-        topics: dict[str, Topic] = {}
-        numbers: dict[str, set[int]] = {}
-        for number, channel in mcap.channels.items():
-            numbers.setdefault(channel.topic, set()).add(number)
-            count = sum(mcap.counts.get(n, 0) for n in numbers[channel.topic])
-            topics[channel.topic] = _topic(channel.topic, channel.schema, count, channel.encoding)
+def _open_mcap(path: Path, opened: ExitStack) -> _OpenFile:
+    from mcap.reader import NonSeekingReader, SeekingReader
 
-        def read(name: str, start_ns: int) -> Iterator[tuple[int, Any]]:
-            decode = _decoder(topics[name])
-            for _, time_ns, data in mcap.messages(numbers[name], start_ns):
-                yield time_ns, decode(data)
+    file = opened.enter_context(path.open("rb"))
+    index = SeekingReader(file).get_summary()
+    # an index may leave out schemas and channels
+    complete = index and index.statistics and index.statistics.channel_message_counts.keys() <= index.channels.keys()
+    complete = complete and {channel.schema_id for channel in index.channels.values()} <= {0, *index.schemas}
 
-        yield LogReader(topics, read)
+    def messages(**part: Any) -> Iterator[tuple[Any, Any, Any]]:
+        file.seek(0)
+        reader = SeekingReader(file) if complete else NonSeekingReader(file)
+        return reader.iter_messages(log_time_order=False, **part)
+
+    def read(topics: list[str], start_ns: int) -> Iterator[tuple[int, bytes]]:
+        return ((m.log_time, m.data) for _, _, m in messages(topics=topics, starting_at=start_ns))
+
+    if complete:
+        counts = index.statistics.channel_message_counts
+        channels = {c.id: (index.schemas.get(c.schema_id), c) for c in index.channels.values()}
+    else:
+        found = [(schema, channel) for schema, channel, _ in messages()]
+        counts, channels = Counter(channel.id for _, channel in found), {pair[1].id: pair for pair in found}
+    kinds = [(schema.name if schema else "", c) for schema, c in channels.values()]
+    return _OpenFile(
+        [(c.topic, Topic(c.topic, kind, c.message_encoding, counts.get(c.id, 0))) for kind, c in kinds], read
+    )
+
+
+_OPENERS = {".bag": _open_bag, ".db3": _open_database, ".mcap": _open_mcap}
 
 
 def _decoder(topic: Topic) -> Callable[[bytes], Any]:
@@ -234,7 +230,13 @@ def _decoder(topic: Topic) -> Callable[[bytes], Any]:
         definition = f"builtin_interfaces/Time timestamp\nstring frame_id\n{_ROS_FIELDS[topic.kind]}"
         store.register(get_types_from_msg(definition, name))
     deserialize = store.deserialize_ros1 if ros1 else store.deserialize_cdr
-    return lambda data: deserialize(import_zstd().decompress(data) if data[:4] == ZSTD_MAGIC else data, name)
+
+    def decode(data: bytes) -> Any:
+        if data[:4] == ZSTD_MAGIC:
+            data = import_module("zstandard").ZstdDecompressor().decompressobj().decompress(data)
+        return deserialize(data, name)
+
+    return decode
 
 
 def _parse_json(data: bytes, fields: dict[int, tuple[str, type]]) -> SimpleNamespace:
@@ -248,50 +250,19 @@ def _parse_json(data: bytes, fields: dict[int, tuple[str, type]]) -> SimpleNames
 
 
 def _parse_protobuf(data: bytes, fields: dict[int, tuple[str, type]]) -> SimpleNamespace:
-    """A message of Foxglove's schemas in protobuf (https://protobuf.dev/programming-guides/encoding)."""
+    """A message of Foxglove's schemas in protobuf."""
     message = SimpleNamespace(**{name: kind() for name, kind in fields.values()})
-    for number, value in _protobuf_entries(data):
+    for number, _, value in protobuf_fields(data):
         name, kind = fields.get(number, ("", bytes))
         if kind is dict:
-            entries = dict(_protobuf_entries(value))
+            entries = {key: entry for key, _, entry in protobuf_fields(value)}
             value = {"sec": entries.get(1, 0), "nsec": entries.get(2, 0)}
         elif kind is list:
-            values = struct.unpack(f"<{len(value) // 8}d", value) if isinstance(value, bytes) else [value]
-            value = [*getattr(message, name), *values]
+            value = [*getattr(message, name), *struct.unpack(f"<{len(value) // 8}d", value)]
         elif kind is str:
             value = value.decode()
+        elif kind is int and isinstance(value, bytes):  # of a fixed length
+            value = int.from_bytes(value, "little")
         if name:
             setattr(message, name, value)
     return message
-
-
-def _protobuf_entries(data: bytes) -> Iterator[tuple[int, Any]]:
-    """Number and value of each field; eight bytes that are no string are a double."""
-    at = 0
-    while at < len(data):
-        key, at = _varint(data, at)
-        if key & 7 == 0:
-            value, at = _varint(data, at)
-            yield key >> 3, value
-            continue
-        length = {1: 8, 5: 4}.get(key & 7)
-        if length is None:
-            if key & 7 != 2:
-                raise ValueError("a protobuf message is damaged")
-            length, at = _varint(data, at)
-        if at + length > len(data):
-            raise ValueError("a protobuf message is cut off")
-        entry = data[at : at + length]
-        at += length
-        yield key >> 3, struct.unpack({1: "<d", 5: "<I"}[key & 7], entry)[0] if key & 7 != 2 else entry
-
-
-def _varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number of variable length, and the place behind it."""
-    value = shift = 0
-    while True:
-        byte = data[at]
-        value |= (byte & 0x7F) << shift
-        at, shift = at + 1, shift + 7
-        if byte < 0x80:
-            return value, at

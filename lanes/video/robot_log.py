@@ -14,7 +14,7 @@ import numpy as np
 from lanes.errors import VideoError
 from lanes.files import require_file
 from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
-from lanes.video.log_images import VideoDecoder, count_bits, decode_image, find_peak, is_key_frame
+from lanes.video.log_images import count_bits, decode_image, decode_video, find_peak, is_key_frame
 from lanes.video.log_reader import LOG_NAMES, METADATA, Topic, is_bag_folder, open_log
 
 # Types of messages with an image each, and others of videos.
@@ -89,7 +89,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
                 keys.append(is_key_frame(message.data, codec))
             elif place % every == 0:
                 peaks.append(find_peak(message, name))
-        first = next((image for _, image in _decode(log.messages(topic), range(len(found)), codec, name)), None)
+        first = next((image for _, image in _decode(enumerate(m for _, m in log.messages(topic)), codec, name)), None)
     if first is None:
         raise VideoError(f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG.")
     stamps_ns, recorded_ns = np.array(found, np.int64).T
@@ -120,37 +120,35 @@ def read_log(path: str | Path, log: LogIndex, first: int, end: int) -> Iterator[
     # Where each message that is read from there on comes in the order of the times.
     indices = np.argsort(log.places)[np.sort(log.places[log.recorded_ns >= begin_ns])]
     with open_log(path) as reader:
-        messages = _in_order(zip(indices.tolist(), reader.messages(log.topic, begin_ns), strict=False), begin, end)
-        for index, image in _decode(messages, range(begin, end), log.codec, f"{path}: {log.topic}", log.bits):
+        recorded = zip(indices.tolist(), (message for _, message in reader.messages(log.topic, begin_ns)), strict=False)
+        for index, image in _decode(_in_order(recorded, begin, end), log.codec, f"{path}: {log.topic}", log.bits):
             if index >= first:
                 yield index, image
 
 
-def _in_order(messages: Iterable[tuple[int, tuple[int, Any]]], begin: int, end: int) -> Iterator[tuple[int, Any]]:
-    """The (time of the recording, message) with the indices begin <= index < `end`, sorted by them."""
-    waiting: dict[int, tuple[int, Any]] = {}
+def _in_order(messages: Iterable[tuple[int, Any]], begin: int, end: int) -> Iterator[tuple[int, Any]]:
+    """The (index, message) with begin <= index < `end`, sorted by the index."""
+    waiting: dict[int, Any] = {}
     for index, message in messages:
         if begin <= index < end:
             waiting[index] = message
         while begin in waiting:
-            yield waiting.pop(begin)
+            yield begin, waiting.pop(begin)
             begin += 1
         if begin >= end:
             return
 
 
 def _decode(
-    messages: Iterable[tuple[int, Any]], indices: range, codec: str, name: str, bits: int | None = None
+    messages: Iterable[tuple[int, Any]], codec: str, name: str, bits: int | None = None
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """(index, image) of messages that can be decoded; of a video if there is a `codec`."""
-    video = VideoDecoder(codec, name) if codec else None
-    for index, (_, message) in zip(indices, messages, strict=False):
-        if video:
-            yield from video.decode(message.data, index)
-        elif (image := decode_image(message, name, bits=bits)) is not None:
+    """(index, image) of the (index, message) that can be decoded; of a video if there is a `codec`."""
+    if codec:
+        yield from decode_video(messages, codec, name)
+        return
+    for index, message in messages:
+        if (image := decode_image(message, name, bits=bits)) is not None:
             yield index, image
-    if video:
-        yield from video.flush()
 
 
 def _stamp_ns(message: Any) -> int:
@@ -210,6 +208,6 @@ def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> st
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"
     others = [t for t in known if t.kind in (*IMAGE_KINDS, *OTHER_KINDS) and t.name not in images]
     if others and (not images or any(t.name == topic for t in others)):
-        listed = ", ".join(f"{t.type_name} on {t.name}" for t in others)
+        listed = ", ".join(f"{t.type_name} ({t.encoding}) on {t.name}" for t in others)
         raise VideoError(f"{path}: has {listed}, which is not read; record images, or convert a video in it to mp4.")
     raise VideoError(f"{path}: has images on {there}{f', not on {topic}' if topic else ''}; {remedy}.")

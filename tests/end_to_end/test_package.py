@@ -96,9 +96,9 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra, tornado and rosbags others. ipywidgets comes with Jupyter, moviepy with the
-    # course.
-    optional = {"dask", "distributed", "ipywidgets", "moviepy", "tornado", "rosbags"}
+    # Dask and distributed are one extra, tornado another, rosbags and mcap the third. ipywidgets comes with Jupyter,
+    # moviepy with the course.
+    optional = {"dask", "distributed", "ipywidgets", "mcap", "moviepy", "tornado", "rosbags"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 
