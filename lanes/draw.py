@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -43,11 +42,9 @@ COLOURS: Mapping[str, canvas.Colour] = {
     "far right": (150, 195, 255),
     "uncertain": canvas.UNLIKELY_COLOUR,
 }
-# What reaches the lower border of the image begins at this distance, which is below it.
-NEAREST_M = 0.5
-# If the nearest marking is farther away than the view or the lower border begins, by this factor, the bonnet or a car
-# hides the road before it.
-HIDDEN_FACTOR = 1.2
+# A line that is seen up to the border of the image is drawn from this distance on, which is below it. The border has
+# this share of the image's shorter side. Otherwise the bonnet or a car hides the road before the nearest marking.
+NEAREST_M, BORDER_SHARE = 0.5, 0.02
 # Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
 # sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
@@ -204,16 +201,14 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
 
 def _start_m(lane: Lane, camera: Camera) -> float:
-    """Where the drawing begins: below the image, or at the nearest marking if the bonnet hides the road before it."""
-    nearest_m = min(filter(None, (line.start_m for line in lane.lines)), default=0.0)
-    return nearest_m if nearest_m > HIDDEN_FACTOR * _first_seen_m(camera) else NEAREST_M
-
-
-@lru_cache(maxsize=4)
-def _first_seen_m(camera: Camera) -> float:
-    """Where the road begins in the image, and in the view."""
-    border_m = camera.pixels_to_road(np.array([[camera.width / 2, camera.height - 1.0]]))[0, 0]
-    return float(np.fmax(border_m, BirdsEyeView.near_m))
+    """Where the drawing begins: at the nearest marking seen, or below the image if that is at the image's border."""
+    nearest = min((line for line in lane.lines if line.start_m), key=lambda line: line.start_m, default=None)
+    if nearest is None:
+        return NEAREST_M
+    pixel = nearest.pixels(camera, along_m=nearest.start_m * np.array([1.0, 1.1]))[:1]
+    margin_px = BORDER_SHARE * min(camera.size)
+    inside = (pixel > margin_px) & (pixel < np.array(camera.size) - margin_px)
+    return nearest.start_m if inside.all() else NEAREST_M
 
 
 def describe_lane(lane: Lane | None) -> list[str]:

@@ -50,7 +50,7 @@ def test_ribbons_lie_beside_the_paint_and_taper():
 @pytest.mark.parametrize("size", [(1280, 720), (480, 768)], ids=["wide", "portrait"])
 @pytest.mark.parametrize("height_m", [0.9, 1.3, 3.0])
 def test_the_lane_is_drawn_down_to_the_lower_border(size, height_m):
-    _, lane = tracked_bends()
+    lane = seen_from(tracked_bends()[1], 0.9)
     camera = Camera.from_fov(size, 60, CameraPose(height_m, pitch_rad=0.05))
     image = np.full((*size[::-1], 3), 100, np.uint8)
     for style, inside in (("lane", [70, 136, 97]), ("lines", [100, 100, 100])):
@@ -64,12 +64,16 @@ def test_the_lane_is_drawn_down_to_the_lower_border(size, height_m):
         np.testing.assert_allclose(row[size[0] // 2], inside, atol=2)
 
 
-def test_nothing_is_drawn_on_the_bonnet():
-    """The nearest marking that was ever seen is 9 m away: what is nearer is hidden."""
+def seen_from(lane: Lane, start_m: float) -> Lane:
+    return replace(lane, evidence=tuple(replace(line, start_m=start_m) for line in lane.evidence))
+
+
+@pytest.mark.parametrize("start_m", [4.5, 9.0])
+def test_nothing_is_drawn_on_the_bonnet(start_m):
+    """What is nearer than the nearest marking that was ever seen is hidden."""
     image, lane = tracked_bends()
-    hidden = replace(lane, evidence=tuple(replace(line, start_m=9.0) for line in lane.evidence))
-    drawn = draw_lane(image, hidden, SMALL)
-    first = round(pixels_at(9.0, 0.0)[0, 1])
+    drawn = draw_lane(image, seen_from(lane, start_m), SMALL)
+    first = round(pixels_at(start_m, 0.0)[0, 1])
     np.testing.assert_array_equal(drawn[first + 3 :], image[first + 3 :])
     assert (drawn[first - 10] != image[first - 10]).any()
     assert 4.0 < min(line.start_m for line in lane.evidence) < 6.5
