@@ -11,8 +11,6 @@ import os
 import re
 import shutil
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -28,7 +26,7 @@ from tests.support import bad_files as badfiles
 from tests.support.clips import write_drive
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, SMALL
-from tests.support.project import ROOT
+from tests.support.project import names
 
 # Long enough on a machine with twenty other jobs.
 HANGS_S = 200
@@ -69,11 +67,17 @@ FINE |= {("predictions", "cut at 90 %"), ("predictions", "cut at 50 %")}
 COMPANIONS = {".csv": badfiles.TRUTH, ".mp4": badfiles.VIDEO, ".yaml": badfiles.CAMERA}
 
 
+# Faults that every command is given; the first command that reads a kind of file gets all others as well.
+OF_EACH = {"missing", "folder", "pipe", "cut at 50 %", "text"}
+
+
 def rows() -> Iterator:
+    read: set[str] = set()
     for where, (kind, _) in INPUTS.items():
         for bad in badfiles.ANY | KINDS[kind][1]:
-            if (kind, bad) not in FINE:
+            if (kind, bad) not in FINE and (kind not in read or bad in OF_EACH):
                 yield pytest.param(where, bad, id=f"{where}: {bad}")
+        read.add(kind)
 
 
 @pytest.fixture(scope="module")
@@ -97,16 +101,8 @@ def out(tmp_path) -> Path:
     """Outputs of an earlier run."""
     folder = tmp_path / "out"
     folder.mkdir()
-    for name in (
-        "drive.mp4",
-        "drive.csv",
-        "drive.html",
-        "drive.yaml",
-        "lanes.jsonl",
-        "explained.png",
-        "pictures.csv",
-        "score.html",
-    ):
+    of_drive = {f"drive{suffix}" for suffix in (".mp4", ".csv", ".html", ".yaml")}
+    for name in of_drive | {"lanes.jsonl", "explained.png", "pictures.csv", "score.html"}:
         (folder / name).write_text(f"old {name}")
     return folder
 
@@ -162,8 +158,7 @@ def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_p
 
 @pytest.mark.parametrize(
     ("suffix", "bad"),
-    [(".csv", "no columns"), (".csv", "words for numbers"), (".csv", "empty")]
-    + [(".mp4", "ffconcat"), (".yaml", "alias bomb")],
+    [(".csv", "no columns"), (".csv", "words for numbers"), (".mp4", "ffconcat"), (".yaml", "alias bomb")],
 )
 def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(suffix, bad, good, tmp_path, monkeypatch, capfd):
     """Only a few faults, because each starts worker processes."""
@@ -185,17 +180,17 @@ def test_odd_names_are_accepted(good, tmp_path, monkeypatch, capfd):
         for suffix in (".mp4", ".png", ".yaml"):
             shutil.copy(good / {".png": "still.png"}.get(suffix, f"drive{suffix}"), f"{name}{suffix}")
     videos, stills = ([f"{name}{suffix}" for name in badfiles.ODD_NAMES] for suffix in (".mp4", ".png"))
-    for name in badfiles.ODD_NAMES[-2:]:
-        options = ["--end=0.04", "--quiet", f"--camera={name}.yaml", f"--output={name} out", "--"]
-        assert main(["annotate", *options, *videos, *stills]) == 0, capfd.readouterr().err
-        written = {f"{other}{suffix}" for other in badfiles.ODD_NAMES for suffix in (".mp4", ".csv", ".html", ".png")}
-        assert {path.name for path in Path(f"{name} out").iterdir()} == written | {"pictures.csv"}
-        assert len(read_telemetry(f"{name} out/{name}.csv")["frame"]) == 1
-        page = Path(f"{name} out/<img src=x>.html").read_text(encoding="utf-8", errors="replace")
-        assert "<img src=x>" not in page and "&lt;img src=x&gt;.mp4" in page
-        options = ["--rows=200:300:20", f"--camera={name}.yaml", f"--output={name}.jsonl", "--"]
-        assert main(["detect", *options, *stills]) == 0
-        assert len(Path(f"{name}.jsonl").read_text().splitlines()) == len(badfiles.ODD_NAMES)
+    name = badfiles.ODD_NAMES[-2]
+    options = ["--end=0.04", "--quiet", f"--camera={name}.yaml", f"--output={name} out", "--"]
+    assert main(["annotate", *options, *videos, *stills[:2]]) == 0, capfd.readouterr().err
+    written = {f"{other}{suffix}" for other in badfiles.ODD_NAMES for suffix in (".mp4", ".csv", ".html")}
+    assert names(Path(f"{name} out")) == written | {*stills[:2], "pictures.csv"}
+    page = Path(f"{name} out/<img src=x>.html").read_text(encoding="utf-8", errors="replace")
+    assert "<img src=x>" not in page and "&lt;img src=x&gt;.mp4" in page
+    name = badfiles.ODD_NAMES[-1]
+    options = ["--rows=200:300:20", f"--camera={name}.yaml", f"--output={name}.jsonl", "--"]
+    assert main(["detect", *options, *stills[2:5]]) == 0
+    assert len(Path(f"{name}.jsonl").read_text().splitlines()) == 3
     save_camera(SMALL.with_pose(None), "-lens.yaml")
     assert main(["pose", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
     assert load_camera("-out \u2713.yaml").pose is not None
@@ -203,9 +198,10 @@ def test_odd_names_are_accepted(good, tmp_path, monkeypatch, capfd):
     assert read_image("-why.png").size and not Path("owned").exists()
 
 
-@pytest.mark.parametrize("size", [(1, 1), (3, 360), (640, 3), (47, 64)])
-@pytest.mark.parametrize("command", ["pose", "annotate", "explain", "detect"])
-def test_pictures_too_small_for_a_road_are_refused(size, command, good, tmp_path, monkeypatch, capfd):
+@pytest.mark.parametrize(
+    ("command", "size"), [("pose", (1, 1)), ("annotate", (3, 360)), ("explain", (640, 3)), ("detect", (47, 64))]
+)
+def test_pictures_too_small_for_a_road_are_refused(command, size, good, tmp_path, monkeypatch, capfd):
     monkeypatch.chdir(tmp_path)
     write_image("tiny.png", read_image(good / "still.png")[: size[1], : size[0]])
     before = contents(tmp_path)
@@ -241,16 +237,3 @@ def test_damaged_frames_are_counted_and_left_out(good, tmp_path, capfd):
     shutil.copy(video, out / "drive.mp4")
     assert main(["benchmark", "--system", "tracker", str(out / "drive.mp4"), "-o", str(tmp_path / "scores")]) == 2
     assert "drive.mp4: " in capfd.readouterr().err
-
-
-def test_bad_files_in_processes(good, tmp_path):
-    """The exit of the interpreter prints nothing either."""
-    for bad in ("pipe", "ffconcat", "cut at 50 %"):
-        spoil, words = (badfiles.ANY | badfiles.VIDEO)[bad]
-        path = tmp_path / f"{bad}.mp4"
-        spoil(path, (good / "drive.mp4").read_bytes())
-        command = [sys.executable, "-m", "lanes", "annotate", "--hfov", "60", str(path), "-o", str(tmp_path / "out")]
-        done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=60)
-        assert done.returncode == 2 and done.stdout == ""
-        assert re.fullmatch(rf"error: {re.escape(str(path))}: .*{words}.*\.\n", done.stderr), done.stderr
-        assert not (tmp_path / "out").exists()

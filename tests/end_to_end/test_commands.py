@@ -8,22 +8,15 @@ import shutil
 import signal
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lanes.files import read_telemetry
-from lanes.images import write_image
 from lanes.video.reader import read_video
 from tests.support.clips import write_drive
-from tests.support.command_line import PROGRAMS, popen, run, start
+from tests.support.command_line import PROGRAMS, main, popen, run, start
 from tests.support.painted_drive import BENDS
-from tests.support.project import ROOT
-
-
-def names(folder: Path) -> set[str]:
-    return {path.name for path in folder.iterdir()} if folder.exists() else set()
+from tests.support.project import ROOT, names
 
 
 def commands() -> list[str]:
@@ -52,30 +45,19 @@ def test_help_ends_with_examples_and_loads_no_plots():
         assert not re.search(r"\b(matplotlib|dask|scipy)$", err, re.MULTILINE)
 
 
-def test_no_such_command():
-    status, out, err = run("fly")
-    assert (status, out) == (2, "")
-    assert "usage: python -m lanes" in err and "Traceback" not in err
-
-
-def test_processes_of_all_commands(tmp_path):
-    write_drive(tmp_path / "drive.mp4", BENDS, 12)
-    still = write_image(tmp_path / "still.png", BENDS.frame(0.0))
-    camera, out = tmp_path / "drive.yaml", tmp_path / "out"
-    (tmp_path / "labels.jsonl").write_text('{"raw_file": "still.png", "h_samples": [200], "lanes": []}')
+def test_a_process_says_nothing_of_its_own(tmp_path):
+    """Tests of the commands run in this process; at the exit of an interpreter more may be printed."""
+    write_drive(tmp_path / "drive.mp4", BENDS, 5)
+    options = ["--camera", tmp_path / "drive.yaml", tmp_path / "drive.mp4"]
     for arguments in (
-        ["annotate", "--camera", camera, tmp_path / "drive.mp4", "-o", out],
-        ["pose", "--hfov", 58, still, "-o", out / "camera.yaml"],
-        ["detect", "--camera", camera, "--rows", "200:300:20", still, "-o", out / "lanes.jsonl"],
-        ["explain", "--camera", camera, still, "-o", out / "why.png"],
-        ["score", "--camera", camera, tmp_path / "labels.jsonl", out / "lanes.jsonl", "-o", out / "score.html"],
+        ["annotate", *options, "-o", tmp_path / "out"],
+        ["explain", *options, "-o", tmp_path / "why.png"],
     ):
         status, _, err = run(*arguments)
-        # Nothing is left for the interpreter to complain about at its exit.
-        assert (status, err.replace("pose: 1 of 1\n", "")) == (0, ""), err
-    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "camera.yaml", "lanes.jsonl", "why.png", "score.html"}
-    found, truth = read_telemetry(out / "drive.csv"), read_telemetry(tmp_path / "drive.csv")
-    assert np.abs(found["offset_m"] - truth["offset_m"])[5:].max() < 0.05
+        assert (status, err) == (0, "")
+    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
+    status, out, err = run("fly")
+    assert (status, out) == (2, "") and "usage: python -m lanes" in err and "Traceback" not in err
 
 
 def test_interrupted(tmp_path):
@@ -93,10 +75,9 @@ def test_interrupted(tmp_path):
     assert names(tmp_path / "out") == set()
 
 
-def test_simulator(tmp_path):
-    status, out, err = run("simulator", "video", "--seconds", 0.04, "--out", tmp_path)
-    assert status == 0, err
-    assert "project_video.mp4" in out and "3 files" in out
+def test_simulator(tmp_path, capsys):
+    assert main(["simulator", "video", "--seconds", "0.04", "--out", str(tmp_path)]) == 0
+    assert re.search(r"project_video\.mp4.* 3 files", capsys.readouterr().out)
     videos = tmp_path / "test_videos", ROOT / "test_videos"
     road = np.s_[520:660, 300:900]
     again, committed = (next(read_video(folder / "project_video.mp4"))[road].astype(int) for folder in videos)

@@ -1,4 +1,4 @@
-"""The labelling page in Chromium: ten stills of a drive labelled with mouse and keyboard, and scored."""
+"""The labelling page in Chromium: stills of a drive labelled with mouse and keyboard."""
 
 from __future__ import annotations
 
@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from selenium.webdriver import Keys
 from selenium.webdriver.common.action_chains import ActionChains
+from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 
 from lanes.camera import save_camera
 from lanes.detect.lane import columns_at
 from lanes.images import write_image
 from lanes.label.curve import label_rows
-from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns, read_labels, read_predictions
-from lanes.score import score_picture, summarize
+from lanes.labels import EGO_SIDES, NO_POINT, read_labels
+from lanes.score import score_picture
 from tests.support.browser import needs_browser, open_browser
-from tests.support.command_line import main
 from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
 from tests.support.painted_drive import BENDS
 
@@ -26,7 +26,7 @@ pytestmark = [
     pytest.mark.slow,
     needs_browser,
 ]
-TIMES_S = 0.3 * np.arange(10)
+TIMES_S = 0.5 * np.arange(5)
 LINES_M = 1.8, -1.8
 ROWS = label_rows(BENDS.camera.height)
 
@@ -74,16 +74,11 @@ def truth(time_s: float) -> np.ndarray:
     return columns_at(ROWS, lines, BENDS.camera)
 
 
-def score(labels: list[LaneColumns], predictions: list[LaneColumns | None]) -> dict[str, float]:
-    size = BENDS.camera.size
-    return summarize([score_picture(*pair, size) for pair in zip(labels, predictions, strict=True)])
-
-
-def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, tmp_path):
+def test_stills_labelled_with_the_mouse_are_like_the_truth(page, folder):
     page.wait("document.getElementById('message').textContent === 'All stills are labelled.'")
     assert page.execute_script("return ours") is None and page.console() == []
     labels = read_labels(folder / "labels.jsonl")
-    assert [label.name for label in labels] == [f"{number}.png" for number in range(10)]
+    assert [label.name for label in labels] == [f"{number}.png" for number in range(len(TIMES_S))]
     for label, time_s in zip(labels, TIMES_S, strict=True):
         for lateral_m, line, true in zip(LINES_M, label.columns, truth(time_s), strict=True):
             assert ((line >= 0) & (true >= 0)).sum() >= 8
@@ -92,22 +87,12 @@ def test_ten_stills_labelled_with_the_mouse_score_like_the_truth(page, folder, t
             seen = painted & (line >= 0) & (true >= 0)
             away_px = np.abs(line - true) / np.hypot(1, np.gradient(true, ROWS))
             assert away_px[seen].max() < 2, (label.name, lateral_m)
-    stills = [str(folder / label.name) for label in labels]
-    rows = f"{ROWS[0]}:{ROWS[-1] + 1}:{ROWS[1] - ROWS[0]}"
-    camera, found = str(folder / "camera.yaml"), str(tmp_path / "lanes.jsonl")
-    assert main(["detect", "--camera", camera, "--rows", rows, *stills, "-o", found]) == 0
-    predictions = read_predictions(found, labels)
     by_hand = [
         replace(label, columns=np.where(label.columns >= 0, truth(time_s), NO_POINT), sides=EGO_SIDES)
         for label, time_s in zip(labels, TIMES_S, strict=True)
     ]
-    clicked, direct = score(labels, predictions), score(by_hand, predictions)
-    shares = "stills", "right", "ego matched"
-    assert clicked["stills"] == 10 and [clicked[name] for name in shares] == [direct[name] for name in shares]
-    # two of the far lines may be near enough to the one and not to the other
-    assert [clicked["FP"], clicked["FN"]] == pytest.approx([direct["FP"], direct["FN"]], abs=0.07)
-    assert clicked["ego accuracy"] == pytest.approx(direct["ego accuracy"], abs=0.005)
-    assert clicked["ego matched"] > 0.9
+    scores = [score_picture(*pair, BENDS.camera.size) for pair in zip(labels, by_hand, strict=True)]
+    assert [one.right for one in scores] == [True] * len(TIMES_S)
 
 
 def test_our_lines_are_shown_beside_a_saved_label_which_then_stays(page, folder):
@@ -166,7 +151,7 @@ def test_wheel_and_drag_move_the_view_and_set_no_point(page):
     page.wait("k === 3")
     count, view = page.execute_script("return [marks[0].length, view]")
     canvas = page.find_element(By.ID, "still")
-    ActionChains(page).scroll_from_origin(_origin(canvas), 0, -200).perform()
+    ActionChains(page).scroll_from_origin(ScrollOrigin.from_element(canvas), 0, -200).perform()
     page.wait(f"view.scale > {view['scale']} * 1.2")
     zoomed = page.execute_script("return view")
     ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(60, 25).release().perform()
@@ -174,17 +159,11 @@ def test_wheel_and_drag_move_the_view_and_set_no_point(page):
     assert page.execute_script("return [marks[0].length, still.saved[3]]") == [count, True]
 
 
-def _origin(element):
-    from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
-
-    return ScrollOrigin.from_element(element)
-
-
-@pytest.mark.parametrize("width", [400, 700, 1800])
-def test_the_page_fits_the_screen(page, width):
-    page.set_size(width, 900)
-    page.wait(f"innerWidth === {width}")
-    assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
-    box = page.execute_script("const b = canvas.getBoundingClientRect(); return [b.width, b.height]")
-    assert box[0] > 0.9 * width and box[1] >= 250
+def test_the_page_fits_the_screen(page):
+    for width in (400, 1800):
+        page.set_size(width, 900)
+        page.wait(f"innerWidth === {width}")
+        assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+        box = page.execute_script("const b = canvas.getBoundingClientRect(); return [b.width, b.height]")
+        assert box[0] > 0.9 * width and box[1] >= 250
     assert page.console() == []

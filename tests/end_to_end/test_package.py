@@ -54,32 +54,16 @@ def lowest(lines: list[str]) -> dict[str, Version]:
     return {name: Version(limit.version) for name, limit in limits if limit.operator in (">=", "==")}
 
 
-def test_the_pins_are_in_the_declared_ranges_and_of_their_first_minor_release():
-    for name, required in by_name(PROJECT["dependencies"]).items():
-        assert PINNED[name] in required.specifier, name
+def test_what_is_pinned_and_locked_is_in_the_declared_ranges():
+    """Tests run with the first minor release of each range. Packages for measuring are imported beside the others."""
+    required = by_name(PROJECT["dependencies"])
+    assert all(PINNED[name] in one.specifier for name, one in required.items())
     first = {name: version.release[:2] for name, version in lowest(PROJECT["dependencies"]).items()}
-    assert first == {name: PINNED[name].release[:2] for name in by_name(PROJECT["dependencies"])}
-
-
-def test_the_extra_of_the_labelling_page_is_what_the_requirements_pin():
+    assert first == {name: PINNED[name].release[:2] for name in required}
     assert lowest(EXTRAS["label"]) == {"tornado": PINNED["tornado"]}
-
-
-def test_the_lock_has_the_pins_and_the_lower_ends_of_the_extras():
+    assert lowest(EXTRAS["measuring"])["pytest"] == PINNED["pytest"]
     locked, wanted = pins("requirements.lock"), PINNED | lowest(EXTRAS["cluster"]) | lowest(EXTRAS["book"])
     assert wanted == {name: locked.get(name) for name in wanted}, "run `make lock`"
-
-
-def test_the_packages_for_measuring_are_beside_those_of_the_tests():
-    """Both are imported by one Python: a package in both has the same version."""
-    measuring = lowest(EXTRAS["measuring"])
-    assert {name: PINNED[name] for name in measuring.keys() & PINNED.keys()} == {"pytest": measuring["pytest"]}
-
-
-def test_the_files_that_mutmut_changes_and_runs_exist():
-    settings = SETTINGS["tool"]["mutmut"]
-    named = settings["only_mutate"] + settings["pytest_add_cli_args_test_selection"]
-    assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
 def imported_packages() -> set[str]:
@@ -151,33 +135,23 @@ def run_in(folder: Path, *command: object) -> str:
 
 
 @pytest.mark.slow
-def test_the_installed_command_annotates_a_video_from_an_empty_folder(installed, tmp_path):
-    lanes_command = installed / "lanes"
+def test_the_installed_package_works_from_an_empty_folder(installed, tmp_path):
+    """Its command annotates a video; its public names have examples that run; the lines of the README print a lane."""
     assert list(installed.parent.rglob("lanes/py.typed"))  # type checkers read the types of the package
     drive = write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
     empty = tmp_path / "empty"
     empty.mkdir()
-    assert run_in(empty, lanes_command, "--version") == f"lanes {lanes.__version__}\n"
-    assert run_in(empty, lanes_command, "annotate", "--help").startswith("usage: lanes annotate ")
-    run_in(empty, lanes_command, "annotate", "--hfov", "60", drive)
+    assert run_in(empty, installed / "lanes", "--version") == f"lanes {lanes.__version__}\n"
+    run_in(empty, installed / "lanes", "annotate", "--hfov", "60", drive)
     assert sorted(path.name for path in empty.rglob("*.*")) == ["drive.csv", "drive.html", "drive.mp4"]
     assert inspect_video(empty / "annotated" / "drive.mp4").frames == FRAMES
-
-
-@pytest.mark.slow
-def test_the_public_names_and_their_example_work_in_the_installed_package(installed, tmp_path):
-    script = "import doctest, lanes; print(lanes.__file__, *sorted(lanes.__all__), doctest.testmod(lanes))"
-    file, *names, failed, attempted = run_in(tmp_path, installed / "python", "-c", script).split()
-    assert Path(file).is_relative_to(installed.parent)
-    assert names == sorted(lanes.__all__) and len(names) <= 25
-    assert failed == "TestResults(failed=0," and int(re.search(r"\d+", attempted)[0]) >= 5
-
-
-@pytest.mark.slow
-def test_the_lines_of_python_in_the_readme_work_in_the_installed_package(installed, tmp_path):
     [code] = re.findall(r"```python\n(import lanes\n.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
-    write_clip(tmp_path / "drive.mp4", map(BENDS.frame, np.arange(FRAMES) / FPS))
     code = code.replace("(1280, 720)", repr(BENDS.camera.size))
-    rows = [line.split() for line in run_in(tmp_path, installed / "python", "-c", code).splitlines()]
+    code += "\nimport doctest; print(lanes.__file__, *sorted(lanes.__all__), *doctest.testmod(lanes)[:2])"
+    *rows, (file, *names, failed, attempted) = map(
+        str.split, run_in(tmp_path, installed / "python", "-c", code).splitlines()
+    )
     assert len(rows) >= FRAMES - 2  # the first frames may have no lane yet
     assert all(0 <= float(confidence) <= 1 for _, _, confidence in rows)
+    assert Path(file).is_relative_to(installed.parent) and names == sorted(lanes.__all__)
+    assert failed == "0" and int(attempted) >= 5

@@ -65,17 +65,22 @@ def wait_for_frame(page, number: int) -> None:
     page.wait(f"Math.abs({SHOWN_FRAME} - {number}) <= 1")
 
 
-def test_the_cursor_moves_while_the_video_plays(page):
+def test_keys_play_and_seek(page):
     page.execute_script("track.focus()")
+    for key, expected in ((Keys.ARROW_RIGHT, 1.0), (Keys.ARROW_RIGHT, 2.0), (".", 2.05), (",", 2.0), (Keys.END, 9.95)):
+        page.press(key)
+        page.wait("!video.seeking")
+        assert page.execute_script("return video.currentTime") == pytest.approx(expected, abs=0.02)
+    page.execute_script("seek(0.0)")
     page.press(" ")
-    page.wait("video.currentTime > 0.5")
+    page.wait("video.currentTime > 0.5 && video.currentTime < 5")
     place, time_s = page.execute_script("return [parseFloat(cursor.style.left), video.currentTime]")
     assert place == pytest.approx(100 * time_s / LENGTH_S, abs=3)
     page.press(" ")
     assert page.execute_script("return video.paused")
 
 
-@pytest.mark.parametrize("across", [0.02, 0.333, 0.71, 0.98])
+@pytest.mark.parametrize("across", [0.02, 0.71])
 def test_a_click_on_the_curves_seeks(page, across):
     page.click("#track", across=across)
     page.wait("!video.seeking && video.currentTime > 0")
@@ -93,12 +98,8 @@ def test_a_click_on_the_curves_seeks(page, across):
 def test_the_measures_next_to_the_video(page):
     page.execute_script("seek(5.0)")
     page.wait("!video.seeking")
-    assert [text_of(page, name) for name in ("offset", "bend", "width")] == [
-        "offset unknown",
-        "bend unknown",
-        "unknown",
-    ]
-    assert text_of(page, "lines") == "unknown | dashed"
+    unknown = [text_of(page, name) for name in ("offset", "bend", "width", "lines")]
+    assert unknown == ["offset unknown", "bend unknown", "unknown", "unknown | dashed"]
     page.execute_script("seek(2.0)")
     page.wait("!video.seeking")
     assert text_of(page, "offset") == "0.27 ± 0.02 m left of centre"
@@ -135,13 +136,10 @@ def test_curves_have_gaps_and_a_band_of_one_standard_deviation(page, name, colum
 def test_axes_contain_the_values_and_have_round_ticks(page):
     ticks_of = "return ticksOf(arguments[0], arguments[1])"
     assert page.execute_script(ticks_of, [0, 3, None], [0, 4]) == [0, 1, 2, 3, 4]
-    for values in ([None, None], [0, 0], [1e-7, -1e-7], [-250, 380], [0.5, None]):
+    for values in ([None, None], [1e-7, -1e-7], [-250, 380]):
         ticks, known = page.execute_script(ticks_of, values, [-0.5, 0.5]), [value or 0 for value in values]
         assert min(ticks) <= min(-0.5, *known) and max(ticks) >= max(0.5, *known)
         assert 2 <= len(ticks) <= 12 and 0 in ticks and all(len(f"{tick:g}") < 6 for tick in ticks)
-    # An outlier does not flatten the curve.
-    waves = np.where(np.arange(500) == 77, 1e4, np.sin(np.arange(500) / 20))
-    assert max(page.execute_script(ticks_of, waves.tolist(), [0, 1])) < 5
 
 
 def test_levels_of_the_confidence_fill_the_strip(page):
@@ -180,22 +178,16 @@ def test_worst_moments(page, browser, folder):
     assert headings == page.execute_script("return Object.keys(worstMoments())") and len(headings) == 5
 
 
-def test_worst_moments_of_a_decreasing_uncertainty_and_of_a_single_lost_frame(browser, folder):
-    telemetry = story()
-    for largest_m, words in ((0.5, "± 0.50 m"), (0.005, "± 0.01 m")):
-        telemetry["offset_std_m"] = np.linspace(largest_m, largest_m / 5, 200)
-        show(browser, folder, telemetry)
-        assert moments(browser, "Least certain offset") == [(0.0, words)]
+def test_a_single_lost_frame_has_one_moment(browser, folder):
     show(browser, folder, {name: column[100:101] for name, column in story().items()})
     assert len(moments(browser, "Lane not seen")) == 1
     assert moments(browser, "Lowest confidence") == moments(browser, "Least certain bend") == []
-    assert len(browser.execute_script("return [...document.querySelectorAll('nav h3')]")) == 1
     assert browser.console() == []
 
 
-def show(browser, folder, telemetry) -> None:
-    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0}
-    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **options))
+def show(browser, folder, telemetry, **options) -> None:
+    words = {"title": "d", "settings": {}, "max_embedded_bytes": 0} | options
+    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **words))
 
 
 def test_buttons_seek_to_moments(page):
@@ -208,11 +200,11 @@ def test_buttons_seek_to_moments(page):
     wait_for_frame(page, 90)
 
 
-def test_each_moment_has_a_command_to_copy(browser, folder):
+def test_each_moment_has_a_command_to_copy_and_warnings_are_at_the_top(browser, folder):
     """The drive begins at 100 s of the video."""
     command = "python -m lanes explain --hfov 60 'my <drive>.mp4' --at "
-    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0, "command": command}
-    browser.open(write_report(folder / "copied.html", video=folder / HOSTILE, telemetry=story(), **options))
+    words = ["the camera seems to have moved after 9 s", "<b>3 of 24</b> pictures"]
+    show(browser, folder, story(), command=command, warnings=words)
     assert browser.execute_script("return document.getElementById('command').hidden")
     browser.click("nav li:first-child .explain")
     shown = browser.execute_script("return document.querySelector('#command code').textContent")
@@ -220,26 +212,8 @@ def test_each_moment_has_a_command_to_copy(browser, folder):
     browser.wait("document.querySelector('#command span').textContent.endsWith(':')")
     count = "return document.querySelectorAll(arguments[0]).length"
     assert browser.execute_script(count, "nav .explain") == browser.execute_script(count, "nav li") > 5
-
-
-def test_warnings_are_at_the_top(browser, folder):
-    words = ["the camera seems to have moved after 9 s", "<b>3 of 24</b> pictures"]
-    options = {"title": "d", "settings": {}, "max_embedded_bytes": 0, "warnings": words}
-    browser.open(write_report(folder / "warned.html", video=folder / HOSTILE, telemetry=story(), **options))
     script = "return [...document.querySelectorAll('header .warnings li')].map(li => li.textContent)"
     assert browser.execute_script(script) == words
-    above = (
-        "return document.querySelector('.warnings').getBoundingClientRect().bottom <= video.getBoundingClientRect().top"
-    )
-    assert browser.execute_script(above)
-
-
-def test_keys_seek(page):
-    page.execute_script("track.focus()")
-    for key, expected in ((Keys.ARROW_RIGHT, 1.0), (Keys.ARROW_RIGHT, 2.0), (".", 2.05), (",", 2.0), (Keys.END, 9.95)):
-        page.press(key)
-        page.wait("!video.seeking")
-        assert page.execute_script("return video.currentTime") == pytest.approx(expected, abs=0.02)
 
 
 def test_hostile_names_are_escaped_and_nothing_is_fetched(page):
@@ -269,25 +243,18 @@ def test_a_linked_video_plays_too_and_a_missing_one_is_named(browser, folder):
     browser.console()
 
 
-@pytest.mark.parametrize("width", [340, 700, 1800])
-def test_the_page_fits_every_screen_width(page, width):
-    page.set_size(width, 800)
-    assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
-    # The click area lies exactly over the curves.
-    gaps = page.execute_script("""
-      const a = track.getBoundingClientRect();
-      return [...document.querySelectorAll("svg")].map(s => s.getBoundingClientRect())
-        .map(b => Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
-    assert len(gaps) == 4 and max(gaps) < 0.6
-
-
-def test_light_and_dark_scheme(page):
+def test_the_page_fits_every_screen_and_scheme(page):
+    for width in (340, 1800):
+        page.set_size(width, 800)
+        assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
+        # The click area lies exactly over the curves.
+        gaps = page.execute_script("""
+          const a = track.getBoundingClientRect();
+          return [...document.querySelectorAll("svg")].map(s => s.getBoundingClientRect())
+            .map(b => Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
+        assert len(gaps) == 4 and max(gaps) < 0.6
+    width, height = page.execute_script("const box = video.getBoundingClientRect(); return [box.width, box.height]")
+    assert width / height == pytest.approx(320 / 180, rel=0.01)  # no bars
     for dark, background in ((False, "rgb(250, 250, 250)"), (True, "rgb(20, 23, 26)")):
         page.set_dark(dark)
         assert page.execute_script("return getComputedStyle(document.body).backgroundColor") == background
-
-
-def test_the_video_has_no_bars(page):
-    page.set_size(1400, 900)
-    width, height = page.execute_script("const box = video.getBoundingClientRect(); return [box.width, box.height]")
-    assert width / height == pytest.approx(320 / 180, rel=0.01) and height == pytest.approx(0.62 * 900, abs=2)

@@ -68,9 +68,8 @@ def faults(tree: ast.AST, name: str) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_nothing_dangerous_is_in_the_sources(name):
-    assert faults(SOURCES[name], name) == set()
+def test_nothing_dangerous_is_in_the_sources():
+    assert {name: found for name, tree in SOURCES.items() if (found := faults(tree, name))} == {}
 
 
 @pytest.mark.parametrize(

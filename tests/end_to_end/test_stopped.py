@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import random
 import signal
-import subprocess
 import sys
 import time
 from collections.abc import Callable
@@ -19,12 +18,11 @@ from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from simulator.rendering import video
 from simulator.scenes.motorway import project_video
-from tests.end_to_end.test_commands import names
 from tests.support import command_line
 from tests.support.clips import write_drive
 from tests.support.command_line import popen, run, start
 from tests.support.painted_drive import BENDS
-from tests.support.project import ROOT
+from tests.support.project import names
 
 FRAMES = 40
 
@@ -67,16 +65,16 @@ def require_whole(folder: Path) -> None:
         whole[name](folder / name)
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-def test_stopped_at_any_moment_files_are_old_or_new_and_whole(number, tmp_path):
+def test_stopped_at_any_moment_files_are_old_or_new_and_whole(tmp_path):
     """A process that writes the files again and again is stopped soon after it starts."""
     command = [sys.executable, "-c", WRITES, str(tmp_path)]
-    with popen([*command, "999999"]) as child:
-        assert child.stdout.readline() == "ready\n"
-        time.sleep(random.Random(int(number)).uniform(0.05, 0.5))
-        child.send_signal(number)
-        child.communicate(timeout=30)
-    require_whole(tmp_path)
+    for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
+        with popen([*command, "999999"]) as child:
+            assert child.stdout.readline() == "ready\n"
+            time.sleep(random.Random(int(number)).uniform(0.05, 0.5))
+            child.send_signal(number)
+            child.communicate(timeout=30)
+        require_whole(tmp_path)
     # The next run removes the partial files.
     with popen([*command, "1"]) as child:
         _, err = child.communicate(timeout=60)
@@ -97,22 +95,6 @@ def annotate(drive: Path, out: Path) -> list:
     return ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", out, "--quiet"]
 
 
-def test_the_run_after_a_killed_one_finishes(drive, tmp_path):
-    """The first run is killed as soon as it writes, the second a little later; the third finishes."""
-    out = tmp_path / "out"
-    for delay_s in (0.0, 0.25):
-        with start(*annotate(drive, out)) as process:
-            while process.poll() is None and not (out.is_dir() and any(".partial." in name for name in names(out))):
-                time.sleep(0.01)
-            time.sleep(delay_s)
-            process.kill()
-        assert not out.is_dir() or not names(out) & {"drive.mp4", "drive.html"} or process.returncode == 0
-    status, _, err = run(*annotate(drive, out))
-    assert status == 0, err
-    assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
-    assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
-
-
 def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
     out = tmp_path / "out"
     with start(*annotate(drive, out)) as first:
@@ -124,7 +106,7 @@ def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
         assert first.wait(timeout=60) == 0
     assert status == 1 and "drive.mp4: cannot be written (another run is writing it" in err
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
-    assert len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
+    assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
 
 
 OLD = {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml"}
@@ -163,27 +145,13 @@ def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
     assert not (tmp_path / "a.mp4").exists()
 
 
-BOARDS = [ROOT / "camera_cal" / f"calibration{number}.jpg" for number in (2, 6, 12, 13)]
-
-
-def test_closed_outputs(tmp_path):
-    """As under some schedulers: neither stdout nor stderr is open."""
-    words = [*command_line.process("calibrate", *BOARDS, "-o", tmp_path / "lens.yaml")]
-    assert subprocess.run(["sh", "-c", '"$@" >&- 2>&-', "sh", *words], cwd=ROOT).returncode == 0
-    assert names(tmp_path) == {"lens.yaml"}
-
-
-@pytest.mark.parametrize("output", ["/dev/full", "closed pipe"])
+@pytest.mark.parametrize("output", [">/dev/full", "| true", ">&-"])
 def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, output):
-    """A full disk behind `>`, and `| head` that has read enough; the exit status is that of the files."""
+    """A full disk, `| head` that has read enough, none as under some schedulers; the status is that of the files."""
     words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", tmp_path]
-    with Path("/dev/full").open("w") as full:
-        where = full if output == "/dev/full" else subprocess.PIPE
-        child = subprocess.Popen(command_line.process(*words), cwd=ROOT, stdout=where, stderr=subprocess.PIPE)
-    if child.stdout:
-        child.stdout.close()
-    with child:
-        err = child.stderr.read().decode()
-    assert (child.wait(), err) == (0, "")
+    script = f'set -o pipefail; "$@" {output}'
+    with popen(["bash", "-c", script, "bash", *command_line.process(*words)]) as child:
+        _, err = child.communicate(timeout=120)
+    assert (child.returncode, err) == (0, "")
     assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
     assert inspect_video(tmp_path / "drive.mp4").frames == FRAMES
