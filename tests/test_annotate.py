@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.annotate import Annotation, DriveSettings, annotate, track
+from lanes.annotate import Annotation, DriveSettings, annotate
 from lanes.camera import Camera, CameraPose, save_camera
 from lanes.detections import detect_in_video
 from lanes.errors import CameraError, PictureError
@@ -83,15 +83,6 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
     assert (found["latency_ms"] > 0).all()
 
 
-def test_pitch_of_a_bump_is_in_radians(tmp_path):
-    """The camera looks 1.5 degrees farther down for the second half of the drive."""
-    frames = [drive.frame(number / 25) for drive in (BENDS, pitched(BENDS, 1.5)) for number in range(12)]
-    (result,) = quietly(write_clip(tmp_path / "drive.mp4", frames), tmp_path / "out", report=False)
-    pitch_deg = np.degrees(result.telemetry["pitch_rad"])
-    assert np.median(pitch_deg[8:12]) == pytest.approx(0, abs=0.2)
-    assert np.median(pitch_deg[-6:]) == pytest.approx(1.5, abs=0.4)
-
-
 def test_the_result_has_what_the_files_have(drive, tmp_path):
     result, stills = quietly([drive / "drive.mp4", drive / "stills"], tmp_path)
     for name, table in (("drive.csv", result.telemetry), ("pictures.csv", stills.telemetry)):
@@ -117,15 +108,6 @@ def test_time_stamps_of_a_variable_frame_rate_are_used(tmp_path):
     (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
     assert result.telemetry["state"][-3:].tolist() == ["tracking", "coasting", "lost"]
     assert "lost for" in result.description
-
-
-def test_track_yields_frames_with_numbers_times_and_lanes(drive, tmp_path):
-    frames = list(track(drive / "drive.mp4", SMALL, start_s=0.2, end_s=0.4))
-    assert [frame.number for frame, _ in frames] == list(range(5, 10))
-    np.testing.assert_allclose([frame.time_s for frame, _ in frames], np.arange(5, 10) / 25)
-    assert all(frame.image.shape == (360, 640, 3) and frame.latency_ms > 0 for frame, _ in frames)
-    with pytest.raises(CameraError, match=r"drive\.mp4: is 640x360 pixels, unlike the camera; give camera\.scaled"):
-        next(track(drive / "drive.mp4", CAMERA))
 
 
 def test_camera_is_rescaled_or_refused(drive, tmp_path):
@@ -184,16 +166,6 @@ def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
         assert (len(result.telemetry["frame"]), result.pose.frames_total) == (12, 12)
         assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
         assert result.description.startswith("height")
-
-
-def test_a_moved_camera_is_reported_with_the_time_on_the_clock_of_the_video(tmp_path):
-    """After 10 of 16 seconds the camera looks two degrees farther down; the part from 4 s on is annotated."""
-    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
-        for number in range(80):
-            writer.write((BENDS if number < 50 else pitched(BENDS, 2)).frame(number / 5), number / 5)
-    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
-    words = r"seems to have moved after (9|10|11) s: .* (1\.[7-9]|2\.\d) deg farther down"
-    assert re.search(words, result.description)
 
 
 def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
@@ -256,19 +228,6 @@ def test_lost_sound_is_stated(tmp_path):
 
 
 # --- stills
-
-
-def test_stills_with_estimated_pose(tmp_path):
-    for i in range(3):
-        write_image(tmp_path / f"{i}.png", BENDS.frame(i))
-    (result,) = quietly(tmp_path, tmp_path / "out", SMALL.with_pose(None))
-    assert result.pose.frames_total == 3
-    assert result.description.startswith("height") and "confidence 0.9 or more in 100%" in result.description
-    assert result.telemetry["picture"].tolist() == ["0.png", "1.png", "2.png"]
-    assert result.telemetry["offset_m"][0] == pytest.approx(BENDS.truth(0).offset_m, abs=0.1)
-    assert (read_image(tmp_path / "out" / "0.png") != read_image(tmp_path / "0.png")).any()
-    with pytest.raises(ValueError, match="one of the inputs"):
-        quietly(tmp_path, tmp_path)
 
 
 def test_stills_of_different_cameras_have_a_pose_each(tmp_path):

@@ -50,9 +50,3 @@ def test_unwritable_figures(tmp_path):
         figures.save_figure(figure, tmp_path / "figure.svg")
     with pytest.raises(OSError, match=r"figure\.jpg: cannot be written"):
         figures.save_figure(figure, tmp_path / "file" / "figure.jpg")
-
-
-def test_style_stays_within():
-    before = dict(matplotlib.rcParams)
-    figure_of_red()
-    assert dict(matplotlib.rcParams) == before

@@ -115,15 +115,6 @@ def test_files_of_a_killed_writer_are_replaced(tmp_path):
     assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"new"
 
 
-def test_a_file_system_without_locks_refuses_no_writer(tmp_path, monkeypatch):
-    def cannot(*_: object) -> None:
-        raise OSError(95, "Operation not supported")
-
-    monkeypatch.setattr("fcntl.flock", cannot)
-    write_atomically(tmp_path / "a.txt", b"new")
-    assert names(tmp_path) == {"a.txt"}
-
-
 # --- telemetry
 
 
