@@ -105,7 +105,7 @@ class TestDistortion:
         pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
         np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
 
-    @pytest.mark.parametrize("least", [0.0, 5e-324, 1e-310, -1e-310, 1e-30])
+    @pytest.mark.parametrize("least", [0.0, 5e-324, -1e-310])
     def test_rays_beyond_the_monotonic_range_give_nan(self, least):
         """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
         folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, least, 0, 0, least]), CameraPose(1.3))
@@ -146,8 +146,9 @@ class TestSizes:
         with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
             DASHCAM.scaled((640, 480))
 
-    @pytest.mark.parametrize("lens", [None, "pinhole", "equidistant"])
-    @pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
+    @pytest.mark.parametrize(
+        ("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")]
+    )
     def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg, lens):
         camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
         assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
@@ -235,7 +236,7 @@ class TestCameraFile:
             load_camera(write(tmp_path / "camera.yaml", content))
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("orientation", [1, 3, 6, 7])
 def test_a_camera_is_turned_as_the_images_are(tmp_path, orientation):
     """The ray of a pixel of the upright image is that of the sensor's pixel, seen along the turned axes."""
     matrix = np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]])

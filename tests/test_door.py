@@ -86,7 +86,11 @@ def test_results_compare_by_value(still, tmp_path):
 def test_results_print_on_one_line(still, drive, tmp_path):
     (result,) = lanes.annotate(drive, tmp_path, SMALL, progress=False, report=False)
     lane = lanes.find_lane(still, SMALL)
+    numbers = r"0\.\d\d ± 0\.\d\d m left of centre, bends left, R \d+0 m, 3\.[56]\d ± 0\.\d\d m wide"
+    assert re.fullmatch(rf"Lane\(found, confidence 0\.\d\d, {numbers}\)", repr(lane))
     assert repr(lane.left).startswith("Line(left, 1.") and "yellow solid" in repr(lane.left)
+    tracker = lanes.LaneTracker(SMALL, fps=25, speed_mps=25.0)
+    assert tracker.update(IMAGE).summary()["speed"] == "90 km/h" and "640x360 px, 25 frames" in repr(tracker)
     assert repr(result) == "Annotation(12 rows of telemetry, drive.mp4, drive.csv)"
     (frame, _), *_ = lanes.track(drive, SMALL)
     assert all("\n" not in repr(x) and len(repr(x)) < 250 for x in (lane, lane.left, result, frame, SMALL))

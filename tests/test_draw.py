@@ -43,8 +43,7 @@ def test_ribbons_lie_beside_the_paint_and_taper():
         np.testing.assert_array_equal(drawn[round(row), round(stripe)], image[round(row), round(stripe)])
 
 
-@pytest.mark.parametrize("size", [(1280, 720), (480, 768)], ids=["wide", "portrait"])
-@pytest.mark.parametrize("height_m", [0.9, 1.3, 3.0])
+@pytest.mark.parametrize(("size", "height_m"), [((1280, 720), 3.0), ((480, 768), 0.9)], ids=["wide", "portrait"])
 def test_the_lane_is_drawn_down_to_the_lower_border(size, height_m):
     _, lane = tracked_bends()
     camera = Camera.from_fov(size, 60, CameraPose(height_m, pitch_rad=0.05))
@@ -87,31 +86,6 @@ def test_each_line_ends_with_its_evidence_and_the_area_with_the_nearer_one():
     assert draw_lane(image, replace(lane, evidence=(LineEvidence(), LineEvidence())), SMALL).shape == image.shape
 
 
-def test_a_far_line_is_drawn_thinly_as_far_as_it_is_seen():
-    image, lane = tracked_bends()
-    lane = replace(lane, far_evidence=(None, None))
-    far = replace(lane, far_evidence=(None, LineEvidence(0.2, True, 25.0)))
-    changed = (draw_lane(image, far, SMALL) != draw_lane(image, lane, SMALL)).any(axis=2)
-    x = np.array([12.0, 18.0, 24.0, 30.0])
-    columns, rows = SMALL.road_to_pixels(np.column_stack([x, far.adjacent[1].y(x)])).T
-    drawn = [
-        np.flatnonzero(changed[row]) - column for column, row in zip(columns, rows.round().astype(int), strict=True)
-    ]
-    assert all(np.abs(across).min() < 2 for across in drawn[:3]) and not len(drawn[3])
-    # a thin line that rises to the left: 2 px, many columns in a row
-    assert changed.sum(axis=0).max() <= 5
-
-
-def test_without_a_lane_words_only_are_drawn():
-    image, _ = tracked_bends()
-    drawn = draw_lane(image, None, SMALL)
-    assert describe_lane(None) == ["no lane"]
-    changed = np.argwhere((drawn != image).any(axis=2))
-    assert len(changed) > 50
-    assert changed[:, 0].max() < 60
-    assert changed[:, 1].max() < 300
-
-
 @pytest.mark.parametrize(("confidence", "filled"), [(0.95, True), (0.51, True), (0.49, False), (0.1, False)])
 def test_the_confidence_decides_what_is_drawn(confidence, filled):
     """A likely lane is filled, and its lines are ribbons; others are dotted, without an area."""
@@ -124,17 +98,9 @@ def test_the_confidence_decides_what_is_drawn(confidence, filled):
     name = "left" if filled else "uncertain"
     rows = is_colour(drawn[round(pixels_at(16.0, 0.0)[0, 1]) : -5, : SMALL.width // 2], name).any(axis=1)
     assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75
-
-
-def test_a_lane_that_is_hardly_possible_is_a_thin_hint_and_no_lane_in_words():
-    image, lane = tracked_bends()
-    uncertain, hint = at(0.3, lane), at(0.1, lane)
-    assert describe_lane(uncertain)[3].endswith(", confidence 0.30 (uncertain)")
-    assert describe_lane(hint) == describe_lane(None)
-    drawn = [draw_lane(image, some, SMALL, parts=["area", "lines"]) for some in (uncertain, hint)]
-    many, few = ((some != image).any(axis=2).sum() for some in drawn)
-    assert 0 < few < 0.7 * many
-    assert "(uncertain)" not in describe_lane(lane)[3]
+    # a lane that is hardly possible is a hint, and none in words
+    words = describe_lane(doubted)
+    assert words == ["no lane"] if confidence == 0.1 else words[3].endswith("(uncertain)") != filled
 
 
 @pytest.mark.parametrize(

@@ -110,11 +110,7 @@ FAILURES = {
     "black": (lambda: (grey(3, 1.0), CAMERA), "birdseye", "almost black"),
     "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
     "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
-    "no lines": (
-        lambda: (grey(100, 6.0), CAMERA),
-        "markings",
-        "no paint is found with a probability",
-    ),
+    "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "no paint is found with a probability"),
     "spots": (lambda: (spots_image(), CAMERA), "fit", "do not line up"),
     "sky": (lambda: (grey(100), dashcam(width=1280, pitch_rad=-0.9)), "birdseye", "sees no road"),
     "far paint": (
