@@ -8,10 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.calibration import find_boards
 from lanes.camera import load_camera
 from lanes.images import read_image, write_image
-from lanes.video.writer import VideoWriter
 from simulator.scenes.dashcam import DASHCAM
 from tests.support.command_line import main
 from tests.support.project import ROOT
@@ -59,16 +57,6 @@ def test_the_sheet_is_written_when_the_calibration_is_refused(folder, run):
     assert [path.name for path in (folder / "refused").iterdir()] == ["sheet.png"]
     frames = read_image(folder / "refused" / "sheet.png")[3, 3 :: 400 + 12].tolist()
     assert frames[0] == frames[1] != frames[2]  # found, found, no board
-
-
-def test_the_frames_of_a_video_are_counted(folder):
-    seen = []
-    with VideoWriter(folder / "boards.mp4", fps=25) as writer:
-        for _ in range(4):
-            writer.write(read_image(folder / "wall.png"))
-    find_boards([folder / "boards.mp4", folder / "wall.png"], progress=lambda *counts: seen.append(counts))
-    assert [done for done, _ in seen] == [0, 15, 30, 45, 60, 61] and {total for _, total in seen} == {61}
-    (folder / "boards.mp4").unlink()
 
 
 def test_misuse_gives_a_message(run):

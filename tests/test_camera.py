@@ -16,13 +16,12 @@ from lanes.camera import (
     CalibrationReport,
     Camera,
     CameraPose,
-    camera_from_dict,
     camera_to_dict,
     load_camera,
     save_camera,
     undistort,
 )
-from lanes.errors import CameraError, LaneError, PictureError
+from lanes.errors import CameraError
 from lanes.images import read_image
 from simulator.scenes.dashcam import DASHCAM
 from tests.support.examples import examples
@@ -59,11 +58,6 @@ class TestSigns:
         pixel = Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
         np.testing.assert_allclose(pixel, (639.5, 359.5) + FOCAL_PX * np.array(slopes), atol=1e-9)
 
-    @pytest.mark.parametrize("bad", [{"height_m": 0.0}, {"height_m": -1.0}, {"height_m": 1.3, "pitch_rad": np.nan}])
-    def test_impossible_pose_is_refused(self, bad):
-        with pytest.raises(LaneError, match="height must be positive|pitch_rad must be a finite number; got nan"):
-            CameraPose(**bad)
-
 
 class TestProjection:
     @given(poses, st.floats(4, 60), st.floats(-6, 6))
@@ -84,11 +78,6 @@ class TestProjection:
         assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
         pixels = DASHCAM.road_to_pixels(np.array([[-5.0, 0.0], [20.0, 0.0], [0.0, 0.0]]))
         assert np.isnan(pixels[[0, 2]]).all() and np.isfinite(pixels[1]).all()
-
-    def test_a_camera_without_pose_is_refused(self):
-        for project in (Camera.pixels_to_road, Camera.road_to_pixels):
-            with pytest.raises(CameraError, match="no pose"):
-                project(Camera.from_fov((640, 480), 60), np.zeros((1, 2)))
 
 
 @st.composite
@@ -116,15 +105,7 @@ class TestDistortion:
         pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
         np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
 
-    def test_corners_of_a_very_wide_lens_need_many_iterations(self):
-        """The corners of a lens of 100 degrees have an error of a pixel after 50 iterations."""
-        focal_px = 1736 / 2 / np.tan(np.radians(50))
-        matrix = np.array([[focal_px, 0, 868], [0, focal_px, 482], [0, 0, 1]])
-        camera = Camera(1736, 964, matrix, np.array([-0.25, 0.05, 0.001, 0.001, 0.0]))
-        corners = np.array([[0.0, 0.0], [1735, 0], [0, 963], [1735, 963]])
-        np.testing.assert_allclose(camera.distort_points(camera.undistort_points(corners)), corners, atol=1e-6)
-
-    @pytest.mark.parametrize("least", [0.0, 5e-324, 1e-310, -1e-310, 1e-30])
+    @pytest.mark.parametrize("least", [0.0, 5e-324, -1e-310])
     def test_rays_beyond_the_monotonic_range_give_nan(self, least):
         """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
         folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, least, 0, 0, least]), CameraPose(1.3))
@@ -165,25 +146,15 @@ class TestSizes:
         with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
             DASHCAM.scaled((640, 480))
 
-    @pytest.mark.parametrize("fov", [0, 5, 180])
-    def test_impossible_field_of_view_is_refused(self, fov):
-        with pytest.raises(CameraError, match=f"{fov} degrees"):
-            Camera.from_fov((640, 480), fov)
-
-    @pytest.mark.parametrize("lens", [None, "pinhole", "equidistant"])
-    @pytest.mark.parametrize("hfov_deg", [30.0, 57.5, 120.0])
+    @pytest.mark.parametrize(
+        ("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")]
+    )
     def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg, lens):
         camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
         assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
         assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
         left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
         assert right - left == pytest.approx(hfov_deg)
-
-    def test_undistort_refuses_another_size(self):
-        small = np.full((360, 640, 3), 90, np.uint8)
-        with pytest.raises(PictureError, match="640x360 pixels, .* for 1280x720; .*camera.scaled"):
-            undistort(small, DASHCAM)
-        assert undistort(small, DASHCAM.scaled((640, 360))).shape == (360, 640, 3)
 
 
 @pytest.fixture
@@ -206,28 +177,6 @@ class TestCameraFile:
         assert loaded.size == lens.size and loaded.pose == pose and loaded.report is None
         np.testing.assert_array_equal(loaded.matrix, lens.matrix)
         np.testing.assert_array_equal(loaded.distortion, lens.distortion)
-
-    def test_the_layout_is_that_of_ros_and_the_pose_is_geometry_only(self, content):
-        assert content["camera_matrix"] == {
-            **{"rows": 3, "cols": 3, "dt": "d"},
-            "data": [1157.8, 0, 667.4, 0, 1153.2, 386.1, 0, 0, 1],
-        }
-        assert content["distortion_model"] == "plumb_bob"
-        assert content["calibration"]["boards_used"] == 2
-        assert set(content["pose"]) == {"height_m", "pitch_rad", "yaw_rad", "roll_rad"}
-        assert camera_from_dict(content).report.rejected == {"c.jpg": "no chessboard"}
-        del content["pose"]
-        assert camera_from_dict(content).pose is None
-
-    def test_the_parser_of_ros_finds_all_its_entries(self, content):
-        """Those that ROS's camera_calibration_parsers requires; an undistorted image has the same camera matrix."""
-        for name, shape in (("camera_matrix", (3, 3)), ("rectification_matrix", (3, 3)), ("projection_matrix", (3, 4))):
-            entry = content[name]
-            assert (entry["rows"], entry["cols"], len(entry["data"])) == (*shape, shape[0] * shape[1])
-        projection = np.reshape(content["projection_matrix"]["data"], (3, 4))
-        np.testing.assert_array_equal(projection[:, :3], DASHCAM.matrix)
-        assert not projection[:, 3].any()
-        np.testing.assert_array_equal(content["rectification_matrix"]["data"], np.eye(3).ravel())
 
     @pytest.mark.parametrize(
         ("model", "given", "read"),
@@ -259,37 +208,26 @@ class TestCameraFile:
         again = load_camera(save_camera(camera, tmp_path / "again.yaml"))
         np.testing.assert_array_equal(again.distortion, read)
 
-    @pytest.mark.parametrize("entry", ["image_width", "image_height", "camera_matrix", "distortion_coefficients"])
-    def test_missing_entry_is_named(self, tmp_path, content, entry):
-        del content[entry]
-        with pytest.raises(CameraError, match=rf"camera\.yaml.*'{entry}' is missing"):
-            load_camera(write(tmp_path / "camera.yaml", content))
-
     @pytest.mark.parametrize(
         ("entry", "value"),
         [
+            *((entry, None) for entry in ("image_width", "image_height", "camera_matrix", "distortion_coefficients")),
             ("image_width", float("nan")),
             ("image_height", float("inf")),
-            ("image_height", "tall"),
             ("distortion_model", "spherical"),
             ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1.0, 2.0]}),
             ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1000.0, 30, 640, 0, 1000, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
-            ("camera_matrix", {"data": [1000.0, 0, -9, 0, 1000, 360, 0, 0, 1]}),
             ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
             ("image_height", 10**9),
             ("distortion_coefficients", {"data": [0.1] * 3}),
-            ("distortion_coefficients", {"data": [0.1] * 12}),
-            ("distortion_coefficients", None),
             ("pose", None),
             ("pose", {"height": 1.3}),
             ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
-            ("pose", {"height_m": 1300}),
             ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
             ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
-            ("calibration", 3),
         ],
     )
     def test_bad_entry_is_refused(self, tmp_path, content, entry, value):
@@ -297,22 +235,8 @@ class TestCameraFile:
         with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
             load_camera(write(tmp_path / "camera.yaml", content))
 
-    def test_names_that_are_not_valid_text_are_written(self, tmp_path):
-        report = CalibrationReport(0.5, {"\udcff.jpg": 0.4})
-        written = save_camera(replace(DASHCAM, report=report), tmp_path / "camera.yaml")
-        assert load_camera(written).report.board_rms_px == report.board_rms_px
 
-
-def test_repr_gives_lens_and_pose():
-    camera = Camera.from_fov((640, 360), 90, CameraPose(1.3, 0.01))
-    assert repr(camera) == (
-        "Camera(640x360 px, focal length 320 px, field of view 90.0 deg, no distortion, "
-        "pose 1.30 m high, pitch 0.57, yaw 0.00, roll 0.00 deg)"
-    )
-    assert "pose unknown" in repr(replace(camera, pose=None))
-
-
-@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("orientation", [1, 3, 6, 7])
 def test_a_camera_is_turned_as_the_images_are(tmp_path, orientation):
     """The ray of a pixel of the upright image is that of the sensor's pixel, seen along the turned axes."""
     matrix = np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]])

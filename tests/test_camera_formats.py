@@ -38,11 +38,6 @@ def committed() -> list[str]:
 COMMITTED = committed()
 
 
-@pytest.mark.skipif(not COMMITTED, reason="git does not list the committed files here")
-def test_there_are_committed_camera_files():
-    assert {"test_videos/project_video.yaml", "test_images/truth.json"} <= set(COMMITTED)
-
-
 @pytest.mark.parametrize("name", COMMITTED)
 def test_a_committed_camera_file_has_what_the_parser_of_ros_requires(name):
     text = (ROOT / name).read_text()
@@ -56,18 +51,15 @@ def test_a_committed_camera_file_has_what_the_parser_of_ros_requires(name):
     np.testing.assert_array_equal(content["rectification_matrix"]["data"], np.eye(3).ravel())
 
 
-def test_opencv_reads_what_is_written(tmp_path):
-    path = save_camera(LENS, tmp_path / "camera.yaml")
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-    assert storage.isOpened() and storage.getNode("image_width").real() == 1280
-    np.testing.assert_array_equal(storage.getNode("camera_matrix").mat(), LENS.matrix)
-    np.testing.assert_array_equal(storage.getNode("distortion_coefficients").mat().ravel(), LENS.distortion)
-    assert storage.getNode("pose").getNode("height_m").real() == 1.4
-
-
-@pytest.mark.parametrize("head", ["%YAML:1.0", "%YAML 1.2"])  # of OpenCV 4 and 5
-@pytest.mark.parametrize("names", [("camera_matrix", "distortion_coefficients"), ("K", "D")])
+@pytest.mark.parametrize(
+    ("head", "names"),  # of OpenCV 4 and 5
+    [("%YAML:1.0", ("camera_matrix", "distortion_coefficients")), ("%YAML 1.2", ("K", "D"))],
+)
 def test_what_opencv_writes_is_read(tmp_path, names, head):
+    """And the other way around."""
+    ours = cv2.FileStorage(str(save_camera(LENS, tmp_path / "camera.yaml")), cv2.FILE_STORAGE_READ)
+    np.testing.assert_array_equal(ours.getNode("camera_matrix").mat(), LENS.matrix)
+    assert ours.getNode("pose").getNode("height_m").real() == 1.4
     path = tmp_path / "opencv.yml"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
     storage.write("calibration_time", "Thu 26 Nov 2026 10:00:00")
@@ -131,7 +123,6 @@ def test_what_cannot_be_read_is_named(tmp_path, capsys, text, named):
         ("radtan", [-0.3, 0.1, 0.001, 0.002], [-0.3, 0.1, 0.001, 0.002, 0]),
         ("fisheye", [0.02, -0.01, 0.003, -0.001], [0.02, -0.01, 0.003, -0.001]),
         ("plumb_bob", [0.3, 0.1, 0.001, 0.002, 0.01, 0.6, 0.2, 0.03], [0.3, 0.1, 0.001, 0.002, 0.01, 0.6, 0.2, 0.03]),
-        ("rational_polynomial", [0.3, 0.1, 0, 0, 0, 0.6, 0.2, 0.03] + [0] * 4, [0.3, 0.1, 0, 0, 0, 0.6, 0.2, 0.03]),
         ("rational_polynomial", [0.3, 0.1, 0, 0, 0, 0.6, 0.2, 0.03] + [0] * 6, [0.3, 0.1, 0, 0, 0, 0.6, 0.2, 0.03]),
     ],
 )
@@ -140,14 +131,6 @@ def test_models_by_their_other_names_and_lengths(tmp_path, model, given, expecte
     path = tmp_path / "camera.yaml"
     path.write_text(yaml.safe_dump(lens | {"distortion_model": model, "distortion_coefficients": {"data": given}}))
     np.testing.assert_array_equal(load_camera(path).distortion, expected)
-
-
-def test_a_thin_prism_is_named(tmp_path):
-    lens = {"image_width": 1280, "image_height": 800, "camera_matrix": {"data": LENS.matrix.ravel().tolist()}}
-    prism = {"distortion_model": "rational_polynomial", "distortion_coefficients": {"data": [0.1] * 12}}
-    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(lens | prism))
-    with pytest.raises(CameraError, match="thin prism"):
-        load_camera(tmp_path / "camera.yaml")
 
 
 def test_a_skew_is_that_of_the_projection():

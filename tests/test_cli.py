@@ -49,23 +49,16 @@ def drive(tmp_path_factory) -> Path:
 # --- annotate
 
 
-def test_annotate_a_video(drive, tmp_path, run):
-    status, out, err = run("annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", tmp_path / "out")
-    assert (status, err) == (0, "")
-    assert re.search(
-        r"drive\.mp4: 20 frames, confidence 0\.9 or more in \d+%, 0\.5 to 0\.9 in \d+%, below 0\.5 in 0%, "
-        r"no lane in 0% of them; lost for 0\.0 s, median confidence [01]\.\d\d;",
-        out,
-    )
-    assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
-    assert inspect_video(tmp_path / "out" / "drive.mp4").frames == FRAMES
-
-
 def test_annotate_a_part_of_an_uncalibrated_video(drive, tmp_path, run):
     hfov_deg = 2 * np.degrees(np.arctan(SMALL.width / 2 / SMALL.matrix[0, 0]))
     options = ["--hfov", hfov_deg, "--start", 0.4, "--end", 0.72, "--style", "mosaic", "--no-report"]
     status, out, err = run("annotate", *options, drive / "drive.mp4", "-o", tmp_path)
     assert (status, err) == (0, "")
+    assert re.search(
+        r"drive\.mp4: 8 frames, confidence 0\.9 or more in \d+%, 0\.5 to 0\.9 in \d+%, below 0\.5 in 0%, "
+        r"no lane in 0% of them; lost for 0\.0 s, median confidence [01]\.\d\d;",
+        out,
+    )
     assert names(tmp_path) == {"drive.mp4", "drive.csv"}
     np.testing.assert_array_equal(read_telemetry(tmp_path / "drive.csv")["frame"], np.arange(10, 18))
     # The estimated camera pose is printed with its standard deviations.
@@ -87,12 +80,6 @@ def test_annotate_goes_on_after_a_failure(drive, tmp_path, run):
     assert (tmp_path / "text.mp4").read_text() == "earlier" and inspect_video(tmp_path / "drive.mp4").frames == 5
 
 
-def test_an_assumed_field_of_view_is_a_warning(drive, tmp_path, run):
-    status, out, err = run("annotate", drive / "stills", "-o", tmp_path)
-    assert status == 0 and "3 pictures, confidence 0.9 or more in" in out
-    assert re.fullmatch(r"warning: field of view 60\.0 deg, assumed: .{60,130} Give --hfov or --boards\.\n", err)
-
-
 # --- pose
 
 
@@ -102,9 +89,6 @@ def motorway(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("motorway")
     camera = Camera.from_fov((960, 540), 66, CameraPose(1.3, np.radians(3.0), np.radians(1.5), np.radians(-0.6)))
     save_camera(replace(camera, pose=None), folder / "lens.yaml")
-    save_camera(
-        replace(camera, pose=None, calibrated=True, distortion=np.array([-0.01, 0, 0, 0, 0])), folder / "bent.yaml"
-    )
     for i in range(2):
         write_image(folder / f"still{i}.jpg", paint_motorway(camera, offset_m=0.3 * i, phase_m=5 * i, seed=i))
     with VideoWriter(folder / "drive.mp4", fps=2) as video:
@@ -127,19 +111,12 @@ def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
 
 
 def test_pose_from_a_video_with_a_field_of_view_and_a_measured_height(motorway, tmp_path, run):
-    options = ["--hfov", 66, "--pictures", 3, "--height", 1.4]
+    options = ["--hfov", 66, "--start", 1, "--end", 2.5, "--height", 1.4]
     status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
     found = load_camera(tmp_path / "camera.yaml")
     assert status == 0 and "pictures 3 of 3 used" in out
     assert (found.size, found.pose.height_m) == ((960, 540), 1.4)
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
-
-
-def test_pose_from_a_part_of_a_video(motorway, tmp_path, run):
-    options = ["--camera", motorway / "bent.yaml", "--start", 1, "--end", 2.5, "--height", 1.3]
-    status, out, _ = run("pose", *options, motorway / "drive.mp4", "-o", tmp_path / "camera.yaml")
-    assert status == 0 and "pictures 3 of 3 used" in out
-    assert re.search(r"offset and lane width to be good to \d+ cm, distances and curvature likewise", out)
 
 
 # --- explain
@@ -151,16 +128,14 @@ def road(tmp_path_factory) -> Path:
     folder, camera = tmp_path_factory.mktemp("explain"), dashcam(width=640)
     save_camera(camera, folder / "camera.yaml")
     road = Road(camera).lines(2.0, colour=YELLOW).lines(-1.6)
-    write_image(folder / "road.jpg", road.image())
-    write_image(folder / "half.png", cv2.resize(read_image(folder / "road.jpg"), (320, 180)))
+    write_image(folder / "half.png", cv2.resize(road.image(), (320, 180)))
     write_image(folder / "grey.png", np.full((camera.height, camera.width, 3), 90, np.uint8))
     return folder
 
 
-@pytest.mark.parametrize("name", ["road.jpg", "half.png"])
-def test_explain_a_picture(name, road, tmp_path, run):
+def test_explain_a_picture_of_half_the_size(road, tmp_path, run):
     figure = tmp_path / "new" / "explained.png"
-    status, out, err = run("explain", road / name, "--camera", road / "camera.yaml", "-o", figure)
+    status, out, err = run("explain", road / "half.png", "--camera", road / "camera.yaml", "-o", figure)
     assert (status, err) == (0, "")
     assert "offset     0.2" in out and "failed at" not in out and out.endswith(f"wrote {figure}\n")
     assert read_image(figure).shape[1] > 1200
@@ -204,72 +179,42 @@ ANNOTATE = "annotate --camera {drive}/drive.yaml"
 DETECT = "detect --camera {drive}/drive.yaml"
 # Exit status, words of the message, and the command; -o is added where it has none.
 MISUSE = {
-    "empty folder": (2, "empty: holds neither a video nor a picture", f"{ANNOTATE} {{drive}}/empty"),
-    "pattern without match": (2, "*.webm: there is no such file", f"{ANNOTATE} {{drive}}/*.webm"),
-    "no source": (2, "SOURCE", ANNOTATE),
-    "two lenses": (2, "not allowed with", f"{ANNOTATE} --hfov 60 {{drive}}/drive.mp4"),
     "no chessboard": (2, "no chessboard", "annotate --boards {drive}/sky {drive}/drive.mp4"),
-    "boards in a file": (
-        2,
-        "drive.mp4 at 0.00 s: no chessboard",
-        "annotate --boards {drive}/drive.mp4 {drive}/drive.mp4",
-    ),
     "not a number": (2, "wide does not do", "annotate --hfov wide {drive}/drive.mp4"),
     "not finite": (2, "nan does not do", f"{ANNOTATE} {{drive}}/drive.mp4 --start nan"),
     "negative start": (2, "0 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --start=-1"),
     "ends before it starts": (2, "not after --start", f"{ANNOTATE} {{drive}}/drive.mp4 --start 2 --end 1"),
     "starts after the end": (2, "lasts 0.8 s; begin before", f"{ANNOTATE} {{drive}}/drive.mp4 --start 50"),
-    "unknown style": (2, "invalid choice: 'neon'", f"{ANNOTATE} {{drive}}/drive.mp4 --style neon"),
-    "unknown option": (2, "--colour", f"{ANNOTATE} {{drive}}/drive.mp4 --colour red"),
-    "no workers": (2, "1 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --workers 0"),
     "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
     "not writable": (1, "cannot be written", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}/file/out"),
     "unknown command": (2, "there is no command anotate; did you mean annotate?", "anotate {drive}/drive.mp4"),
-    "no command like it": (2, "there is no command zzz; the commands are calibrate, pose,", "zzz {drive}/drive.mp4"),
     "topic of an mp4": (2, "drive.mp4: is no robot log", f"{ANNOTATE} {{drive}}/drive.mp4 --topic /front"),
     "pose: no lane": (
         1,
         "none of 1 pictures shows a likely lane, so the pose is unknown",
         "pose {drive}/sky --hfov 60",
     ),
-    "detect: topic of a still": (2, "sky.png: is no robot log", f"{DETECT} {{drive}}/sky --topic /front"),
+    "pose: over its input": (2, "one of the inputs", "pose --hfov 60 {drive}/drive.mp4 -o {drive}/drive.mp4"),
+    "detect: over its input": (2, "one of the inputs", "detect {drive}/sky/sky.png -o {drive}/sky/../sky/sky.png"),
+    "explain: over its input": (2, "one of the inputs", "explain {drive}/sky/sky.png -o {drive}/sky/sky.png"),
+    "sheet over its input": (2, "one of the inputs", "calibrate {drive}/sky --sheet {drive}/sky/sky.png"),
     "pose: odd lane": (2, "2 to 6", "pose --hfov 60 --lane-width 20 {drive}/drive.mp4"),
     "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
-    "pose: no pictures": (2, "1 or more", "pose --hfov 60 --pictures 0 {drive}/drive.mp4"),
-    "pose: late start": (2, "lasts 0.8 s; begin before", "pose --hfov 60 --start 3 {drive}/drive.mp4"),
-    "pose: early end": (2, "not after --start", "pose --hfov 60 --start 3 --end 2 {drive}/drive.mp4"),
-    "pose: over its input": (2, "one of the inputs", "pose --hfov 60 {drive}/drive.mp4 -o {drive}/drive.mp4"),
     "detect: one row": (2, "700 contains no rows", f"{DETECT} {{drive}}/stills --rows 700"),
     "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
     "detect: odd lens": (2, "give a number, 10 to 150", "detect --hfov 5 {drive}/sky"),
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
     "detect: each of a video": (2, "drive.mp4: is no still", "detect --each {drive}/drive.mp4"),
-    "detect: over its input": (2, "one of the inputs", "detect {drive}/sky/sky.png -o {drive}/sky/../sky/sky.png"),
-    "explain: no camera file": (2, "none.yaml: there is no such", "explain {drive}/sky/sky.png --camera none.yaml"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
-    "explain: odd time": (2, "soon does not do", "explain {drive}/drive.mp4 --hfov 60 --at soon"),
     "explain: bad minutes": (2, "1:75 does not do; give less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
-    "explain: late minute": (2, "no frame at 61.5 s", "explain {drive}/drive.mp4 --hfov 60 --at 1:01.5"),
-    "annotate: odd start": (2, "x:2 does not do; give seconds, or a time", "annotate {drive}/drive.mp4 --start x:2"),
     "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
     "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
-    "explain: outside": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --start 0.4 --at 0.2"),
-    "explain: no video": (2, "cannot be read as a video", "explain {drive}/bad.yaml --hfov 60 --at 2"),
-    "explain: two files": (2, "unrecognized arguments", "explain {drive}/sky/sky.png {drive}/cut.png --hfov 60"),
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),
-    "explain: not writable": (1, "cannot be written", "explain {drive}/sky/sky.png --hfov 60 -o {drive}/file/out.png"),
-    "explain: over its input": (2, "one of the inputs", "explain {drive}/sky/sky.png -o {drive}/sky/sky.png"),
-    "label: no stills": (2, "1 or more", "label {drive}/drive.mp4 --stills 0"),
     "label: no pictures": (2, "holds neither a video nor a picture", "label {drive}/empty"),
-    "calibrate: no pictures": (2, "arguments are required: PICTURE", "calibrate"),
     "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),
     "calibrate: odd pattern": (2, "9by6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 9by6"),
-    "calibrate: small pattern": (2, "2x6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 2x6"),
     "calibrate: over its input": (2, "one of the inputs", "calibrate {drive}/sky -o {drive}/sky/sky.png"),
-    "sheet over its input": (2, "one of the inputs", "calibrate {drive}/sky --sheet {drive}/sky/sky.png"),
-    "simulator: unknown": (2, "invalid choice", "simulator snow"),
     "simulator: too long": (2, "0.04 to 10", "simulator video --seconds 60"),
-    "simulator: not writable": (1, "cannot be written", "simulator stills --out {drive}/file"),
 }
 
 

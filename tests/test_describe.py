@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from lanes.console import progress_line
-from lanes.describe import describe_bend, describe_offset, format_table, number_cells
+from lanes.describe import describe_bend, describe_offset
 
 
 @pytest.mark.parametrize(
@@ -59,16 +59,3 @@ def test_a_log_file_gets_the_last_state_only(monkeypatch, terminal, printed):
     for done in (1, 2, 3):
         report(done, 3)
     assert stream.getvalue() == printed
-
-
-def test_text_columns_are_aligned_to_the_right():
-    assert format_table(["a", "long"], {"one": ["1", "2"], "three": ["lost", "4"]}).splitlines() == [
-        "          a  long",
-        "one       1     2",
-        "three  lost     4",
-    ]
-
-
-def test_cells_of_numbers():
-    rows = {"one": {"count": 3, "share": 0.5}, "two": {"count": 0, "share": float("nan")}}
-    assert number_cells(rows) == (["count", "share"], {"one": ["3", "0.500"], "two": ["0", "-"]})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,13 +11,10 @@ import pytest
 from PIL import ExifTags, Image
 
 from lanes.camera import Camera, CameraPose, save_camera
-from lanes.detect.lane import LineEvidence
-from lanes.detections import as_detection, usual_rows
+from lanes.detections import usual_rows
 from lanes.images import write_image
-from lanes.stills import find_lane
 from lanes.video.writer import VideoWriter
 from simulator.rendering.drive import Motion
-from simulator.road.geometry import line_lateral
 from tests.support.clips import write_clip
 from tests.support.command_line import main
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -73,23 +69,6 @@ def require_true_columns(detection: dict, frame: int, tolerance_px: float = 3) -
         true = np.interp(ROWS, v[::-1], u[::-1])
         inside = (true > 5) & (true < 635)
         assert np.abs(np.array(columns) - true)[inside].max() < tolerance_px
-
-
-def test_a_far_line_that_is_seen_follows_the_lines_of_the_lane():
-    """The dashed line 5.4 m to the right of the reference line, said to be seen up to 30 m."""
-    lane = replace(find_lane(DRIVE.frame(0.0), SMALL), far_evidence=(None, LineEvidence(0.2, True, 30.0)))
-    rows = np.arange(185, 351, 3)
-    detection = as_detection(lane, SMALL, rows, 1.0)
-    assert detection["sides"] == ["left", "right", "far right"] and len(detection["lanes"]) == 3
-    columns, x = np.array(detection["lanes"][2]), np.linspace(60.0, 5.0, 300)
-    u, v = SMALL.road_to_pixels(np.column_stack([x, line_lateral(DRIVE.road, DRIVE.pose(0.0), -5.4, x)])).T
-    inside = (rows > v[0] + 1) & (np.interp(rows, v, u) < 635)
-    assert inside.sum() > 3 and (columns[inside] >= 0).all()
-    np.testing.assert_allclose(columns[inside], np.interp(rows, v, u)[inside], atol=3)
-    own = lane.columns(SMALL, rows)
-    assert detection["lanes"][:2] == np.round(own, 1).tolist() and (own % 1 != 0).any()
-    blind = as_detection(replace(lane, far_evidence=(None, None)), SMALL, rows, 1.0)
-    assert blind["sides"] == ["left", "right"] and blind["lanes"] == detection["lanes"][:2]
 
 
 @pytest.mark.parametrize("sequence", [False, True])

@@ -50,10 +50,6 @@ class TestExif:
     def test_insufficient_entries_give_none(self, tmp_path, entries):
         assert read_hfov(photo(tmp_path / "a.jpg", **entries)) is None
 
-    def test_no_picture_at_all(self, tmp_path):
-        (tmp_path / "a.jpg").write_bytes(b"nothing")
-        assert read_hfov(tmp_path / "a.jpg") is None
-
     def test_the_first_still_with_the_entries_is_used(self, tmp_path):
         files = [photo(tmp_path / "a.jpg"), tmp_path / "drive.mp4", photo(tmp_path / "b.jpg", focal_35mm=28)]
         found = find_field_of_view(files)

@@ -63,8 +63,8 @@ def test_round_trip_keeps_red_red(tmp_path, picture, suffix):
     assert sizes[0] < 0.8 * sizes[1]
 
 
+@pytest.mark.parametrize("share", [0.3, 0.99])
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
-@pytest.mark.parametrize("share", [0.3, 0.9, 0.99])
 def test_truncated_file_is_refused(tmp_path, suffix, share):
     noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
     path = write_image(tmp_path / f"cut{suffix}", noisy)
@@ -87,12 +87,6 @@ def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture, claimed_px)
         read_image(path)
 
 
-def test_data_after_the_end_of_a_jpeg_are_ignored(tmp_path, picture):
-    path = write_image(tmp_path / "a.jpg", picture)
-    path.write_bytes(path.read_bytes() + b"maker's own data\0\0")
-    assert read_image(path).shape == picture.shape
-
-
 @pytest.mark.parametrize("suffix", ["webp", "png", "tif"])
 def test_files_of_several_images_are_refused(tmp_path, suffix):
     pages = [Image.new("RGB", (32, 24), (80 * n, 0, 0)) for n in range(3)]
@@ -111,12 +105,6 @@ def test_other_formats_and_more_than_8_bits_are_refused_with_a_remedy(tmp_path):
     cv2.imwrite(str(tmp_path / "deep.png"), np.full((4, 6), 40_000, np.uint16))
     with pytest.raises(PictureError, match="deep.png: has more than 8 bits a pixel"):
         read_image(tmp_path / "deep.png")
-
-
-@pytest.mark.parametrize("name", ["a.gif", "a.heic", "a"])
-def test_other_formats_are_not_written(tmp_path, picture, name):
-    with pytest.raises(PictureError, match=r"end the name in \.jpg or \.png"):
-        write_image(tmp_path / name, picture)
 
 
 def written(image: np.ndarray, folder: Path) -> np.ndarray:
@@ -150,17 +138,12 @@ TAKE_IMAGES = {
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
     "LaneTracker and draw_lane": tracked,
     "explain": lambda image, _: explain(image, SMALL).image,
-    "gray": lambda image, _: colour_channel(image, "gray"),
     "channel": lambda image, _: colour_channel(image, "HLS S"),
     "recipe A": lambda image, _: RECIPES["hls_sobel"].thresholds.masks(image)["combined"],
-    "recipe B": lambda image, _: RECIPES["equalized_hsv"].thresholds.masks(image)["combined"],
-    "recipe C": lambda image, _: RECIPES["best_channel"].thresholds.masks(image)["combined"],
 }
 AS_PEOPLE_HAVE_THEM = {
     "read-only": np.copy,
     "BGR reversed": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
-    "RGBA without alpha": lambda image: np.dstack([image, image[..., :1]])[..., :3],
-    "flipped": lambda image: np.ascontiguousarray(image[::-1, ::-1])[::-1, ::-1],
     "transposed": lambda image: np.ascontiguousarray(image.transpose(1, 0, 2)).transpose(1, 0, 2),
 }
 

@@ -51,23 +51,6 @@ def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run, hfov
     assert status == 0 and not err and curvature_ratio(drive, tmp_path / "pinhole") > 1.6
 
 
-def test_a_wide_view_without_distortion_is_asked_for(tmp_path, run):
-    drive = bend_seen_by("pinhole", 105)
-    write_drive(tmp_path / "drive.mp4", drive, FRAMES)
-    options = "--hfov", 105, "--lens", "pinhole", "--height", 1.3, "--no-report"
-    status, _, err = run("annotate", *options, tmp_path / "drive.mp4", "-o", tmp_path / "out")
-    assert status == 0 and not err
-    assert curvature_ratio(drive, tmp_path / "out") == pytest.approx(1, abs=0.25)
-
-
-def test_a_usual_view_is_a_pinhole_without_a_word(tmp_path, run):
-    still = write_image(tmp_path / "still.png", BENDS.frame(0))
-    status, out, err = run("annotate", "--hfov", 90, still, "-o", tmp_path / "out")
-    assert status == 0 and not err and "field of view 90.0 deg, as given" in out
-    status, _, err = run("annotate", "--lens", "equidistant", still, "-o", tmp_path / "out")
-    assert status == 2 and "give --hfov as well" in err
-
-
 def photo(path: Path, size: tuple[int, int], taken: tuple[int, int], focal_35mm: int = 28) -> Path:
     """A still of a road whose EXIF entries are those of an image of `taken` pixels."""
     exif = Image.Exif()
@@ -85,7 +68,7 @@ def test_a_photo_cut_out_of_a_larger_one_has_its_focal_length(tmp_path, run):
     assert load_camera(tmp_path / "camera.yaml").matrix[0, 0] == pytest.approx(focal_px, rel=1e-3)
 
 
-@pytest.mark.parametrize("taken", [(1280, 720), (2000, 1500)])
+@pytest.mark.parametrize("taken", [(2000, 1500)])
 def test_a_photo_that_was_cut_or_resized_does_not_say_its_focal_length(tmp_path, run, taken):
     path = photo(tmp_path / "part.jpg", (640, 360), taken)
     status, _, err = run("annotate", path, "-o", tmp_path / "out")
@@ -95,19 +78,12 @@ def test_a_photo_that_was_cut_or_resized_does_not_say_its_focal_length(tmp_path,
     assert status == 0 and "warning: field of view 60.0 deg, assumed" in err and named in err
 
 
-@pytest.mark.parametrize("option", [[], ["--each"]])
-def test_a_wide_photo_says_what_its_entries_do_not(tmp_path, run, option):
+def test_a_wide_photo_says_what_its_entries_do_not(tmp_path, run):
     """13 mm: of a phone without distortion, of an action camera with it."""
     path = photo(tmp_path / "wide.jpg", (640, 360), (640, 360), focal_35mm=13)
-    status, _, err = run("annotate", *option, path, "-o", tmp_path / "out")
+    status, _, err = run("annotate", path, "-o", tmp_path / "out")
     assert status == 0 and "warning: field of view 110.8 deg, as wide.jpg says (EXIF), pinhole lens" in err
     assert "give --hfov and --lens equidistant" in err and "assumed" not in err
-
-
-def test_a_photo_that_a_program_turned_has_its_focal_length(tmp_path, run):
-    path = photo(tmp_path / "turned.jpg", (360, 640), (640, 360))
-    _, _, err = run("annotate", path, "-o", tmp_path / "out")
-    assert err.startswith("field of view") and "(EXIF)" in err
 
 
 # Calibrated without distortion.
@@ -205,11 +181,3 @@ def test_height_and_lane_width_determine_the_scale(lorry, tmp_path, run):
     assert width_m(still, "--lane-width", 3.2) == pytest.approx(3.2, abs=0.12)
     status, _, err = run("detect", "--camera", lorry / "drive.yaml", "--height", 1.3, still, "-o", tmp_path / "x.jsonl")
     assert status == 2 and "the camera file holds a pose; omit --height" in err
-
-
-def test_detect_takes_a_part_of_a_video(lorry, tmp_path, run):
-    part = "--start", 0.2, "--end", 0.4
-    target = tmp_path / "lanes.jsonl"
-    assert run("detect", "--camera", lorry / "drive.yaml", *part, lorry / "drive.mp4", "-o", target)[0] == 0
-    frames = [line.split('"frame": ')[1].split(",")[0] for line in target.read_text().splitlines()]
-    assert frames == ["5", "6", "7", "8", "9"]

@@ -65,37 +65,34 @@ def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
     return name, "jsonschema" if encoding == "json" else "protobuf", encoding, messages
 
 
-@pytest.mark.parametrize("profile", ["", "ros1", "ros2", "x-my-robot"])
-@pytest.mark.parametrize("kind", ["sensor_msgs/msg/CompressedImage", "sensor_msgs/CompressedImage"])
-def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(tmp_path, recorders, profile, kind):
+@pytest.mark.parametrize("profile", ["", "ros1", "x-my-robot"])
+def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(tmp_path, recorders, profile):
+    kind = f"sensor_msgs/{'msg/' if profile else ''}CompressedImage"
     topic = ros_topic(recorders, kind, ros1=profile == "ros1")
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/camera": topic}, profile=profile)
     assert inspect_video(path).frames == 6 and shades(path) == [0, 20, 40, 60, 80, 100]
     assert shades(path, start_s=0.25) == [60, 80, 100]
 
 
-@pytest.mark.parametrize("name", ["foxglove.CompressedImage", "foxglove.RawImage"])
-@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+@pytest.mark.parametrize(
+    ("name", "encoding"), [("foxglove.CompressedImage", "protobuf"), ("foxglove.RawImage", "json")]
+)
 def test_images_of_foxglove_are_read(tmp_path, recorders, name, encoding):
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": foxglove_topic(recorders, name, encoding)})
     assert shades(path) == pytest.approx([0, 20, 40, 60, 80, 100], abs=1)
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TIMES_S)
 
 
-@pytest.mark.parametrize("kind", ["CompressedImage", "RawImage"])
-def test_messages_of_foxglove_in_ros_are_read(tmp_path, recorders, kind):
+def test_messages_of_foxglove_in_ros_are_read(tmp_path, recorders):
     """`foxglove_msgs`, which rosbags does not know, in CDR."""
-    store, name = get_typestore(Stores.ROS2_HUMBLE), f"foxglove_msgs/msg/{kind}"
-    text = "builtin_interfaces/Time timestamp\nstring frame_id\n"
-    text += {"CompressedImage": "", "RawImage": "uint32 width\nuint32 height\nstring encoding\nuint32 step\n"}[kind]
-    store.register(get_types_from_msg(text + "uint8[] data\n" + "string format\n" * (kind != "RawImage"), name))
+    store, name = get_typestore(Stores.ROS2_HUMBLE), "foxglove_msgs/msg/RawImage"
+    fields = "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n"
+    store.register(get_types_from_msg(f"builtin_interfaces/Time timestamp\nstring frame_id\n{fields}", name))
     messages = []
     for image, stamp in zip(TINY, STAMPS, strict=True):
         time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-        fields = [np.frombuffer(recorders.jpeg(image), np.uint8), "jpeg"]
-        if kind == "RawImage":
-            fields = [12, 8, "rgb8", 36, image.ravel()]
-        messages.append((stamp, bytes(store.serialize_cdr(store.types[name](time, "camera", *fields), name))))
+        made = store.types[name](time, "camera", 12, 8, "rgb8", 36, image.ravel())
+        messages.append((stamp, bytes(store.serialize_cdr(made, name))))
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, "ros2msg", "cdr", messages)})
     assert shades(path) == pytest.approx([0, 20, 40, 60, 80, 100], abs=1)
 
@@ -110,8 +107,9 @@ def as_packets(images: list[np.ndarray], codec: str, every: int) -> list[bytes]:
     return [bytes(packet) for packet in [*packets, *context.encode(None)]]
 
 
-@pytest.mark.parametrize(("codec", "format_"), [("libx264", "h264"), ("libx265", "h265")])
-@pytest.mark.parametrize("encoding", ["protobuf", "json"])
+@pytest.mark.parametrize(
+    ("codec", "format_", "encoding"), [("libx264", "h264", "protobuf"), ("libx265", "h265", "json")]
+)
 def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, codec, format_, encoding):
     images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
     name, stamps = "foxglove.CompressedVideo", logs.stamps_at(np.arange(15) / 25)
@@ -129,8 +127,10 @@ def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, code
     assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
 
 
-@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
-@pytest.mark.parametrize("options", [{}, {"use_chunking": False}, {"use_statistics": False}, {"chunk_size": 100}])
+@pytest.mark.parametrize(
+    ("compression", "options"),
+    [("NONE", {"use_chunking": False}), ("LZ4", {"use_statistics": False, "chunk_size": 99})],
+)
 def test_mcap_files_of_every_layout(tmp_path, recorders, compression, options):
     topics = {"/camera": ros_topic(recorders, "sensor_msgs/msg/CompressedImage")}
     topics["/chatter"] = ("std_msgs/msg/String", "ros2msg", "cdr", [(stamp, b"\0\1\0\0") for stamp in STAMPS])
@@ -150,18 +150,13 @@ def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders):
     np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
 
 
-@pytest.mark.parametrize(
-    ("name", "encoding", "named"),
-    [
-        ("foxglove.CompressedVideo", "cbor", "has foxglove.CompressedVideo (cbor) on /front, which is not read"),
-        ("foxglove.CompressedImage", "flatbuffer", "has foxglove.CompressedImage (flatbuffer) on /front, which is not"),
-    ],
-)
-def test_what_is_not_read_is_named_before_the_field_of_view(tmp_path, recorders, run, name, encoding, named):
-    data = [(stamp, b"\0" * 40) for stamp in STAMPS]
-    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, "any", encoding, data)})
-    status, out, err = run("annotate", path, "-o", tmp_path / "out")
-    assert status == 2 and named in err and "field of view" not in err and not out
+def test_what_is_not_read_is_named_before_the_field_of_view(tmp_path, recorders, run):
+    topic = "foxglove.CompressedVideo", "any", "cbor", [(stamp, b"\0" * 40) for stamp in STAMPS]
+    status, out, err = run(
+        "annotate", recorders.write_mcap(tmp_path / "a.mcap", {"/front": topic}), "-o", tmp_path / "out"
+    )
+    assert status == 2 and "has foxglove.CompressedVideo (cbor) on /front, which is not read" in err
+    assert "field of view" not in err and not out
     assert not (tmp_path / "out").exists()
 
 
@@ -216,10 +211,6 @@ def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path, r
     assert table["time_s"] == pytest.approx(times_s, abs=1e-6) and (table["state"][3:] == "tracking").all()
 
 
-def test_a_part_of_a_recording_without_images_is_no_recording_without_images(tmp_path):
-    assert shades(write_split(tmp_path / "drive", TINY, TIMES_S, 6)) == [0, 20, 40, 60, 80, 100]
-
-
 def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
     (tmp_path / "metadata.yaml").write_text("camera: front\n")
     Image.fromarray(TINY[0]).save(tmp_path / "a.png")
@@ -233,7 +224,7 @@ def test_a_recording_of_which_a_part_is_missing_is_refused(tmp_path):
         inspect_video(folder)
 
 
-@pytest.mark.parametrize("name", ["drive#2.db3", "what?.db3", "50%25.db3", "drive #1.mcap"])
+@pytest.mark.parametrize("name", ["drive#2.db3", "what?50%25.db3"])
 def test_names_with_signs_of_addresses(tmp_path, name):
     path = logs.write_log(tmp_path / f"log{Path(name).suffix}", TINY, TIMES_S).rename(tmp_path / name)
     assert shades(path) == [0, 20, 40, 60, 80, 100]
@@ -299,10 +290,6 @@ ROWS, COLUMNS = np.mgrid[:48, :64]
 SMOOTH = np.dstack([40 + 2 * COLUMNS, 200 - 2 * ROWS, 60 + COLUMNS + ROWS]).astype(np.uint8)
 
 
-def in_yuv(code: int, image: np.ndarray = SMOOTH) -> np.ndarray:
-    return cv2.cvtColor(image, code)
-
-
 def nv12(image: np.ndarray) -> np.ndarray:
     planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
     height, width = image.shape[:2]
@@ -321,14 +308,11 @@ def mosaic(image: np.ndarray, pattern: str) -> np.ndarray:
     ("encoding", "made", "tolerance"),
     [
         ("8UC3", SMOOTH[..., ::-1], 0),
-        ("yuv422", lambda: in_yuv(cv2.COLOR_RGB2YUV_UYVY), 5),
-        ("yuv422_yuy2", lambda: in_yuv(cv2.COLOR_RGB2YUV_YUY2), 5),
+        ("yuv422", lambda: cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2YUV_UYVY), 5),
+        ("yuv422_yuy2", lambda: cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2YUV_YUY2), 5),
         ("nv12", lambda: nv12(SMOOTH), 5),
-        ("rgb16", SMOOTH.astype(np.uint16) << 8, 0),
         ("bgr16", SMOOTH[..., ::-1].astype(np.uint16) << 8, 0),
-        ("bayer_grbg16", lambda: mosaic(SMOOTH.astype(np.uint16) << 8, "grbg"), 6),
         ("bayer_bggr12", lambda: mosaic(SMOOTH.astype(np.uint16) << 4, "bggr"), 6),
-        ("bayer_rggb8", lambda: mosaic(SMOOTH, "rggb"), 6),
         ("bayer_gbrg8", lambda: mosaic(SMOOTH, "gbrg"), 6),
     ],
 )
@@ -342,8 +326,7 @@ def test_encodings_of_drivers_give_the_same_picture(tmp_path, encoding, made, to
     assert np.abs(image - SMOOTH[2:-2, 2:-2]).max() <= tolerance
 
 
-@pytest.mark.parametrize("big_endian", [False, True])
-@pytest.mark.parametrize("bits", [10, 12, 16])
+@pytest.mark.parametrize(("bits", "big_endian"), [(10, False), (12, True), (16, True)])
 def test_the_bits_of_a_camera_are_those_of_its_brightest_images(tmp_path, bits, big_endian):
     """12 bits come in words of 16. The first image is dark, as in a garage, and stays dark."""
     gray = SMOOTH[..., 0].astype(np.uint16)
@@ -370,7 +353,6 @@ def write_compressed_images(path: Path, images: list[np.ndarray], format_: str, 
     [
         ("bayer_gbrg8; png compressed ", ".png", mosaic(SMOOTH, "gbrg"), 6),
         ("bayer_gbrg8; jpeg compressed mono8", ".jpg", mosaic(np.full_like(SMOOTH, (90, 90, 90)), "gbrg"), 2),
-        ("bayer_rggb16; png compressed ", ".png", mosaic(SMOOTH.astype(np.uint16) << 8, "rggb"), 6),
         ("bayer_rggb16; png compressed ", ".png", mosaic(SMOOTH.astype(np.uint16) << 4, "rggb"), 6),  # 12 bits
         ("rgb16; png compressed ", ".png", SMOOTH[..., ::-1].astype(np.uint16) << 8, 0),
         ("bayer_rggb8; jpeg compressed bgr8", ".jpg", SMOOTH[..., ::-1].copy(), 12),
@@ -437,7 +419,6 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, change
         ((300, 300), {"roi": region(120, 100, 400, 200)}, "that of 400x200 pixels, but the images have 300x300"),
         ((300, 300), {}, "300x300 picture has another aspect ratio than the calibrated 640x360"),
         ((640, 360), {"distortion_model": "ftheta"}, "distortion model 'ftheta' is not supported"),
-        ((640, 360), {"distortion_model": "rational_polynomial", "d": np.full(12, 0.1)}, "thin prism"),
     ],
 )
 def test_a_camera_info_that_does_not_fit_is_refused_with_the_reason(tmp_path, run, size, changes, named):
@@ -446,32 +427,15 @@ def test_a_camera_info_that_does_not_fit_is_refused_with_the_reason(tmp_path, ru
     assert status == 2 and "drive.mcap" in err and named in err
 
 
-@pytest.mark.parametrize(
-    ("model", "d", "fisheye"),
-    [("", [], False), ("none", [], False), ("fisheye", [0.01, 0, 0, 0], True), ("plumb_bob", [0.1] * 8, False)],
-)
-def test_lens_models_of_drivers(tmp_path, model, d, fisheye):
-    path = write_part(tmp_path / "drive.mcap", (640, 360), distortion_model=model, d=np.array(d, float))
-    camera = read_log_camera(path)
-    assert camera.is_fisheye == fisheye and camera.calibrated
-    assert camera.distortion[: len(d)].tolist() == d
-
-
 # Times.
 
 
-def write_stamped(path: Path, stamps: list[int], recorded: list[int], shades: list[int] | None = None) -> Path:
-    images = [np.full((8, 12, 3), shade, np.uint8) for shade in shades or range(len(stamps))]
-    made = [logs.make_image(image, stamp) for image, stamp in zip(images, stamps, strict=True)]
-    return logs.write_messages(path, {"/camera": list(zip(recorded, made, strict=True))})
-
-
-@pytest.mark.parametrize("name", ["drive.mcap", "drive.db3"])
-def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name):
+def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path):
     stamps = logs.stamps_at(np.arange(12) / 25)
     order = [0, 2, 1, 3, 4, 6, 7, 5, 8, 9, 11, 10]
     recorded = [logs.BEGIN_NS + 10**7 * n for n in range(12)]
-    path = write_stamped(tmp_path / name, [stamps[n] for n in order], recorded, order)
+    made = [logs.make_image(np.full((8, 12, 3), n, np.uint8), stamps[n]) for n in order]
+    path = logs.write_messages(tmp_path / "a.mcap", {"/camera": list(zip(recorded, made, strict=True))})
     frames = list(read_timed_frames(path))
     assert [frame.image[0, 0, 0] for frame in frames] == list(range(12))
     assert [frame.number for frame in frames] == list(range(12)) and inspect_video(path).missing == 0
@@ -479,16 +443,9 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path, name)
     assert [frame.number for frame in read_timed_frames(path, start_s=0.2, end_s=0.32)] == [5, 6, 7]
 
 
-@pytest.mark.parametrize("stamp", [0, 1234567890_000_000_000])
-def test_constant_stamps_give_way_to_the_times_of_the_recording(tmp_path, stamp):
-    path = write_stamped(tmp_path / "drive.mcap", [stamp] * 30, logs.stamps_at(np.arange(30) / 30))
-    assert inspect_video(path).fps == pytest.approx(30, abs=0.01)
-    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(30) / 30, abs=1e-6)
-
-
-@pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, 3600.0, -5.0])
+@pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, -5.0])
 def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, run, wrong_s):
-    """A stamp of 1970, one of an hour later, and one that is a little too early."""
+    """A stamp of 1970, and one that is a little too early."""
     images = [BENDS.frame(number / 25) for number in range(12)]
     stamps = logs.stamps_at(np.arange(12) / 25)
     stamps[7] += int(wrong_s * 1e9)

@@ -14,7 +14,7 @@ import pytest
 from lanes.camera import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.drive import DriveSettings, annotate_drive
-from lanes.errors import LaneError, VideoError
+from lanes.errors import VideoError
 from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry
 from lanes.lane_messages import INFERRED_ALPHA
@@ -75,24 +75,14 @@ def read_back(path: Path) -> dict[str, list]:
 @pytest.mark.parametrize(("kind", "encoding"), [*zip(KINDS, ("bgr8", ".png", ".png", "bgr8"), strict=True)])
 def test_a_log_of_a_drive_gives_the_telemetry_of_its_video(tmp_path, images, of_video, kind, encoding):
     path = file_of(logs.write_log(tmp_path / kind, images, TIMES_S, encoding=encoding, camera=SMALL))
-    (found,) = find_sources([str(path)]).videos
+    (found,), camera = find_sources([str(path)]).videos, read_log_camera(path)
+    assert camera.with_pose(SMALL.pose) == SMALL
     telemetry = annotate_drive(found, settings_for(tmp_path / "out", camera=SMALL)).telemetry
     assert len(telemetry["frame"]) == FRAMES
     assert telemetry["time_s"] == pytest.approx(of_video["time_s"], abs=1e-6)
     for name in METRES:
         assert np.isfinite(telemetry[name][2:]).all()
         assert telemetry[name] == pytest.approx(of_video[name], abs=1e-3, nan_ok=True)
-
-
-def test_the_pose_of_a_log_is_that_of_its_video(tmp_path, images, video):
-    """Its camera comes from the log; the images of the pose are sampled from both."""
-    path = logs.write_log(tmp_path / "drive.mcap", images, TIMES_S, camera=SMALL)
-    save_camera(replace(SMALL, pose=None), tmp_path / "lens.yaml")
-    poses = []
-    for source, lens in ((path, []), (video, ["--camera", tmp_path / "lens.yaml"])):
-        assert main(["pose", *map(str, [*lens, "--pictures", 3, source, "-o", tmp_path / "pose.yaml"])]) == 0
-        poses.append((tmp_path / "pose.yaml").read_text())
-    assert poses[0] == poses[1]
 
 
 @pytest.fixture(scope="module")
@@ -205,13 +195,6 @@ def test_a_log_that_is_replaced_under_its_name_is_read_again(tmp_path):
     assert [frame.image[0, 0, 0] for frame in read_timed_frames(path)] == [100, 120, 140, 160]
 
 
-def test_images_at_irregular_times_have_consecutive_numbers(tmp_path):
-    times_s = [0, 0.1, 0.15, 0.32, 0.36, 0.5]
-    path = logs.write_log(tmp_path / "drive.mcap", TINY, times_s)
-    assert [frame.number for frame in read_timed_frames(path)] == list(range(6)) and not inspect_video(path).missing
-    assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(times_s)
-
-
 RESTARTED = [*logs.stamps_at([5.0, 5.1, 5.2]), *logs.stamps_at([1.0, 1.1, 1.2])]
 
 
@@ -223,7 +206,7 @@ def test_without_usable_stamps_the_times_are_those_of_the_recording(tmp_path, st
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(6) / 5)
 
 
-@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "rgba8", "bgra8", "mono8", ".png"])
+@pytest.mark.parametrize("encoding", ["rgb8", "bgra8", "mono8", ".png"])
 def test_the_encodings_give_the_same_images(tmp_path, encoding):
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (9, 7, 3)).astype(np.uint8) for _ in range(2)]
@@ -235,24 +218,7 @@ def test_the_encodings_give_the_same_images(tmp_path, encoding):
         frame.image[:] = 0  # may be written to
 
 
-def test_damaged_images_are_left_out(tmp_path):
-    made = [
-        logs.make_image(image, stamp, ".png") for image, stamp in zip(TINY, logs.stamps_at(np.arange(6)), strict=True)
-    ]
-    made[2].data = made[2].data[:20]
-    path = logs.write_messages(tmp_path / "drive.mcap", {"/image": [(n + 1, m) for n, m in enumerate(made)]})
-    assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 3, 4, 5]
-
-
 # The camera.
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_the_camera_of_a_log(tmp_path, kind):
-    path = file_of(logs.write_log(tmp_path / kind, TINY, np.arange(6) / 10, camera=SMALL, encoding=".png"))
-    camera = read_log_camera(path)
-    assert camera.size == SMALL.size and camera.pose is None
-    assert camera.matrix == pytest.approx(SMALL.matrix) and camera.distortion == pytest.approx(SMALL.distortion)
 
 
 def write_with_info(path: Path, topic: str, **changes) -> Path:
@@ -276,12 +242,6 @@ def test_a_camera_that_is_not_calibrated_or_of_another_topic_is_none(tmp_path):
     assert read_log_camera(write_with_info(tmp_path / "b.mcap", "/rear/image_raw")) is None
 
 
-def test_a_lens_that_no_camera_has_is_refused_with_a_sentence(tmp_path):
-    path = write_with_info(tmp_path / "drive.mcap", "/front/image_raw", distortion_model="spherical")
-    with pytest.raises(LaneError, match=r"drive\.mcap: its camera_info is not usable .*spherical.*--hfov"):
-        read_log_camera(path)
-
-
 def test_a_given_field_of_view_comes_before_the_camera_of_the_log(tmp_path):
     path = logs.write_log(tmp_path / "drive.mcap", TINY, np.arange(6) / 10, camera=SMALL)
     given, other = FieldOfView(90.0, "as given"), FieldOfView(90.0, "as photo.jpg says (EXIF)")
@@ -302,7 +262,7 @@ def write_two_cameras(path: Path) -> Path:
     return logs.write_messages(path, {"/front/image_raw": front, "/rear/image_raw": rear})
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", KINDS[:3])
 def test_one_of_two_cameras_is_chosen_by_its_topic(tmp_path, kind):
     path = file_of(write_two_cameras(tmp_path / kind))
     with pytest.raises(VideoError, match="/front/image_raw, /rear/image_raw; choose one of them with --topic"):
@@ -339,8 +299,7 @@ def test_the_command_takes_the_topic(tmp_path, images, capsys):
     assert names(tmp_path / "out") == {f"drive{suffix}" for suffix in (".csv", ".html", ".lane.mcap", ".mp4")}
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("share", [0.001, 0.3, 0.95])
+@pytest.mark.parametrize(("kind", "share"), [*zip(KINDS, (0.95, 0.3, 0.95, 0.001), strict=True)])
 def test_a_log_that_was_cut_off_ends_with_a_sentence(tmp_path, kind, share):
     path = file_of(logs.write_log(tmp_path / kind, TINY * 40, np.arange(240) / 10))
     path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
@@ -361,25 +320,13 @@ def test_an_encrypted_log_ends_with_a_sentence(tmp_path):
         inspect_video(path)
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_log_without_images_ends_with_a_sentence(tmp_path, kind):
-    types = (logs.ROS1 if kind.endswith(".bag") else logs.ROS2).types
-    words = types["std_msgs/msg/String"]("hello")
-    path = file_of(logs.write_messages(tmp_path / kind, {"/chatter": [(1, words)]}))
-    with pytest.raises(VideoError, match="has images on no topic; name another log"):
-        inspect_video(path)
-
-
-@pytest.mark.parametrize("name", ["text.bag", "text.db3", "text.mcap"])
-def test_another_file_with_the_name_of_a_log_ends_with_a_sentence(tmp_path, name):
-    (tmp_path / name).write_text("no log at all\n" * 10)
-    with pytest.raises(VideoError, match="no robot log"):
-        inspect_video(tmp_path / name)
-
-
 def test_images_that_are_not_read_end_with_a_sentence(tmp_path):
     path = logs.write_log(tmp_path / "deep.mcap", TINY, np.arange(6) / 10, encoding="32FC1")
     with pytest.raises(VideoError, match=r"deep\.mcap: /camera/image_raw has the encoding '32FC1'; record one of rgb8"):
+        inspect_video(path)
+    words = logs.ROS2.types["std_msgs/msg/String"]("hello")
+    path = logs.write_messages(tmp_path / "words.mcap", {"/chatter": [(1, words)]})
+    with pytest.raises(VideoError, match=r"words\.mcap: has images on no topic; name another log"):
         inspect_video(path)
     path = logs.write_log(tmp_path / "one.mcap", TINY[:1], [0])
     with pytest.raises(VideoError, match=r"one\.mcap: has 1 images"):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor
-from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, LineEvidence, telemetry_row
+from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, LineEvidence
 from lanes.detect.road import SIDES
 from lanes.images import read_image
 from lanes.stills import find_lane
@@ -83,16 +83,6 @@ def test_the_border_of_a_lens_does_not_end_a_far_line(pitch_deg):
     for far in a_lane_with_far_lines().adjacent:
         pixels, (u, v) = far.pixels(camera), camera.road_to_pixels(np.array([[20.0, far.offset_m]]))[0]
         assert np.interp(-v, -pixels[:, 1], pixels[:, 0]) == pytest.approx(u, abs=1.0)
-
-
-def test_far_lines_are_those_of_the_fit_with_its_uncertainty():
-    lane = a_lane_with_far_lines(centre=0.3, width=3.4, adjacent=(0.2, -0.1))
-    left, right = lane.adjacent
-    assert (left.offset_m, right.offset_m) == pytest.approx((0.3 + 1.5 * 3.4 + 0.2, 0.3 - 1.5 * 3.4 + 0.1))
-    assert left.offset_std_m == pytest.approx(np.sqrt(0.02**2 + (1.5 * 0.03) ** 2 + 0.05**2), rel=1e-3)
-    row, lost = telemetry_row(lane), telemetry_row(None)
-    assert (row["far_left_c0_m"], row["far_right_c0_m"]) == (left.offset_m, right.offset_m)
-    assert lost["far_left_c0_m"] is lost["far_right_c0_m"] is None
 
 
 def test_an_uncertain_or_coasting_lane_states_none():

@@ -51,12 +51,6 @@ def test_a_line_ends_where_it_runs_almost_along_the_rows():
     np.testing.assert_allclose(left[given], np.interp(rows[given], outline[::-1, 1], outline[::-1, 0]), atol=1e-6)
 
 
-def test_stds_are_the_roots_of_the_variances():
-    lane = lane_of(a_lane())
-    stated = [lane.offset_std_m, lane.width_std_m, lane.heading_std_rad, lane.curvature_std_per_m]
-    assert stated == pytest.approx(STD[:4])
-
-
 @pytest.mark.parametrize("k", [0, 1])
 def test_coefficients_are_a_taylor_series_of_the_line_at_the_car(k):
     """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: each has a visible part of the lateral position 12 m ahead."""

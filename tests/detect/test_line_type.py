@@ -67,15 +67,6 @@ def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
 
-def test_a_wide_white_line_is_not_double():
-    """The edge line of a motorway is 0.3 m wide, as wide as two stripes with their gap; its centre counts."""
-    wide = paint_at(Road(CAMERA).lines(-1.7, colour=WHITE, width_m=0.3), -1.7)
-    assert wide.width_m == pytest.approx(0.3, abs=0.04)
-    assert not wide.double and wide.stripe_m(-1) == pytest.approx(0.0, abs=0.015)
-    two = paint_at(Road(CAMERA).lines(-1.81, -1.59, colour=WHITE, width_m=0.1), -1.7)
-    assert two.double and two.gap < 0.6 < wide.gap
-
-
 @pytest.mark.parametrize(
     ("dash_m", "kind"),
     [(None, "solid"), ((3, 12), "dashed"), ((2, 6), "dashed"), ((3, 4.33), "dashed")],

@@ -14,14 +14,10 @@ from lanes.detect.road import (
     RATE,
     RATE_STEPS,
     SIDES,
-    STRAIGHT_FROM_M,
-    VERTICAL_KNOTS_M,
-    height_and_grade,
     line_coefficients,
     line_points,
     line_y,
     lines_on_view,
-    road_height,
 )
 from simulator.road.geometry import RoadGeometry, offset_point
 from tests.support.painted_roads import dashcam
@@ -83,15 +79,3 @@ def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
         c0, c1, *_ = line_coefficients(beside, side)
         assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
     assert line_coefficients(away, -1.0)[1] > 2
-
-
-def test_heights_and_grades_are_integrals_of_the_curvature():
-    x, numbers = np.arange(0.0, 90.0, 0.002), np.array([3e-3, -7e-3, 5e-3, -2e-3])
-    # from where the view ends the road goes on as steep as it is
-    curvature = np.interp(x, [*VERTICAL_KNOTS_M, STRAIGHT_FROM_M], [*numbers, 0.0])
-    grade = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * 0.002)])
-    rise = np.concatenate([[0], np.cumsum((grade[1:] + grade[:-1]) / 2 * 0.002)])
-    found_rises, found_grades = height_and_grade(x)
-    np.testing.assert_allclose(found_rises @ numbers, rise, atol=1e-6)
-    np.testing.assert_allclose(found_grades @ numbers, grade, atol=1e-8)
-    np.testing.assert_allclose(road_height(a_lane(vertical=tuple(numbers)), x), rise, atol=1e-6)

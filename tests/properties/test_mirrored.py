@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 
-from benchmark.scored_drive import list_drives
-from lanes.camera import Camera, load_camera
+from lanes.camera import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
 from lanes.detect.paint import marking_response
-from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker
-from lanes.video.reader import read_video
 from tests.support.any_pictures import camera_of, pictures
 from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
@@ -57,17 +54,6 @@ def assert_mirrored(lane: Lane | None, other: Lane | None, *, same_m: float = SA
     assert other.width_m == pytest.approx(lane.width_m, abs=same_m)
     assert other.offset_std_m == pytest.approx(lane.offset_std_m, rel=same_m)
     assert (other.left.seen, other.right.seen) == (lane.right.seen, lane.left.seen)
-
-
-@pytest.mark.parametrize("name", [name for name, drive in list_drives().items() if drive.video])
-def test_frames_of_the_committed_drives(name):
-    """Motorway, concrete, hairpins: three frames of each."""
-    video = list_drives()[name].video
-    camera = load_camera(video.with_suffix(".yaml"))
-    for start_s in (0.0, 1.5, 3.0):
-        image = next(read_video(video, start_s=start_s))
-        # the sums of the network are rounded more: in a hairpin that moves a line 13 m to the side by 6 cm
-        assert_mirrored(find_lane(image, camera), find_lane(flip(image), mirrored(camera)), same_m=0.07)
 
 
 def test_a_painted_drive_is_tracked_alike():

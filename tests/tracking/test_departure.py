@@ -80,18 +80,6 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     assert 0.0 < moving[first].left_m < 0.6 and moving[first].side == "left"
 
 
-def test_after_a_lane_change_the_motion_is_still_seen():
-    """The car drifts on to the left into the adjacent lane, whose left line it approaches."""
-    centres = np.arange(-0.5, -5.2, -0.03)
-    lanes = [lane_at(centre + 3.6 * (centre < -1.9), -0.0375) for centre in centres]
-    departures = watched(lanes, car(20.0))
-    before, after = departures[40], departures[-1]
-    assert before.due and before.side == "left"
-    assert after.due and after.side == "left" and after.time_to_crossing_s < 1.0
-    middle = departures[int(np.abs(centres + 3.6).argmin())]
-    assert not middle.due
-
-
 def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
     rows = {"offset_m": np.full(100, 0.7), "lane_width_m": np.full(100, 3.0), "confidence": np.full(100, 0.9)}
     assert describe_crossings(rows, 1.8).startswith(

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FitSettings
 from lanes.detect.road import (
     ADJACENT,
     CENTRE,
@@ -14,11 +12,9 @@ from lanes.detect.road import (
     HEADING,
     PITCH,
     RATE,
-    SIDES,
     VERTICAL_CURVATURE,
     WIDTH,
     RoadPrior,
-    line_y,
 )
 from lanes.tracking.filter import (
     CAMERA_YAW,
@@ -28,7 +24,6 @@ from lanes.tracking.filter import (
     SPEED,
     State,
     initial_state,
-    measure,
     predict,
     to_adjacent_lane,
     transition,
@@ -36,8 +31,7 @@ from lanes.tracking.filter import (
 )
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
-from tests.support.painted_drive import CAMERA
-from tests.support.shapes import a_lane, stripes_at
+from tests.support.shapes import a_lane
 
 SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, rate_steps=1e-5, adjacent=0.1)
 COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))
@@ -148,38 +142,3 @@ def test_the_jacobian_of_the_transition():
         (found * std / std[:, None])[:, kept], (expected * std / std[:, None])[:, kept], atol=1e-5
     )
     np.testing.assert_allclose(found[:4, SPEED], expected[:4, SPEED], atol=1e-6)
-
-
-VIEW = BirdsEyeView(CAMERA)
-CALM = dict(pitch=0.003, vertical=5e-5, adjacent=0.05)
-# Where the road bends, kinks of a hairpin's size are expected.
-KINKED_STD = a_lane(centre=0.1, width=0.05, heading=0.02, curvature=5e-3, rate=5e-4, rate_steps=2e-3, **CALM)
-
-
-def measured(lines_y_m: list[np.ndarray], far_m: float, predicted: State) -> np.ndarray:
-    """The lane (15,) that is measured from strong stripes on lines (rows,), in each row of the view up to `far_m`."""
-    rows = np.flatnonzero(VIEW.x_m < far_m)
-    angles = [np.arctan(np.gradient(y_m, VIEW.x_m[rows])) for y_m in lines_y_m]
-    places = np.tile(rows, 2), np.tile(VIEW.x_m[rows], 2), np.hstack(lines_y_m), np.hstack(angles)
-    stripes = stripes_at(*places, growth=VIEW.growth, cell_m=VIEW.cell_m)
-    return measure(stripes, predicted, VIEW, FitSettings()).lanes[0]
-
-
-def test_a_bend_that_begins_ahead_is_tracked():
-    """Predicted is a gentle bend; from 11 m on the road tightens to R 25 m, by up to 1.5 m at 22 m."""
-    estimate = initial_state(a_lane(width=3.4, curvature=4e-3), np.diag(KINKED_STD**2), 8.0)
-    along = np.arange(0.0, 40.0, 0.02)
-    turned = np.cumsum(np.interp(along, [0.0, 11.0, 20.0], [4e-3, 4e-3, 1 / 25])) * 0.02
-    middle = np.cumsum(np.stack([np.cos(turned), np.sin(turned)]), axis=1) * 0.02
-    x, lines = VIEW.x_m[VIEW.x_m < 22], []
-    for side in SIDES:
-        points = middle + side * 1.7 * np.stack([-np.sin(turned), np.cos(turned)])
-        lines.append(np.interp(x, *points))
-    at = np.array([8.0, 14.0, 20.0])
-    true = np.array([np.interp(at, x[::-1], y[::-1]) for y in lines])
-    off, foretold_off = (
-        np.abs([line_y(at, lane, side) for side in SIDES] - true).max(axis=0)
-        for lane in (measured(lines, 22, estimate), estimate.lane)
-    )
-    assert foretold_off[2] > 0.4
-    assert off[0] < 0.03 and off[1] < 0.05 and off[2] < 0.6 * foretold_off[2]
