@@ -73,7 +73,7 @@ class LaneOutline:
 def draw_lane(
     image: np.ndarray | str | Path,
     lane: Lane | None,
-    camera: Camera,
+    camera: Camera | None = None,
     *,
     style: str = "lane",
     parts: Collection[str] | None = None,
@@ -92,6 +92,8 @@ def draw_lane(
     ----------
     image : ndarray of shape (height, width, 3), uint8, or path
         RGB.
+    camera : Camera, optional
+        By default the one that the lane was found with.
     style : {"lane", "lines", "inset", "mosaic"}
         The filled lane, its two lines, the lane with a bird's-eye view, or a mosaic with intermediate results.
     parts : collection of str, optional
@@ -120,7 +122,8 @@ def draw_lane(
     _require_known("colour", colours or (), COLOURS)
     if not (0 < thickness < np.inf and 0 <= opacity <= 1):
         raise ValueError(f"give a thickness above 0 and an opacity from 0 to 1, not {thickness:g} and {opacity:g}.")
-    image = require_camera(camera).require_size(image)
+    camera = require_camera(camera or (lane.camera if lane else None))
+    image = camera.require_size(image)
     outline = lane_outline(lane, camera, thickness=thickness) if lane else None
     inset = _draw_inset(image, lane, camera, evidence) if "inset" in parts else None
     # copied last, because a whole image evicts everything else from the processor's cache

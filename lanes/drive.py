@@ -19,10 +19,10 @@ import av
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, require_camera
+from lanes.camera import Camera, CameraPose, require_camera
 from lanes.console import progress_line
 from lanes.describe import describe_offset
-from lanes.detect.lane import LOST, Lane, telemetry_row
+from lanes.detect.lane import LOST, POSE_NAMES, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR
 from lanes.draw import draw_lane, track_lane
@@ -361,7 +361,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             command=_explain_command(video, settings),
         )
         outputs += (page,)
-    lines = [pose.describe(), pose.describe_accuracy()] if pose else []
+    lines = [pose.describe(), pose.describe_accuracy(), *_describe_other_poses(telemetry, pose.pose)] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, {describe_shares(telemetry)}; lost for {seconds_lost(telemetry):.1f} s"
         f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
@@ -392,6 +392,16 @@ def _find_warnings(
             remedy = "annotate a straighter part of it (--start, --end), or give a camera file with a pose (--camera)."
         found.append(f"{describe_wrong_yaw(yaw_rad)}; {remedy}")
     return list(filter(None, found))
+
+
+def _describe_other_poses(telemetry: Telemetry, first: CameraPose) -> list[str]:
+    """When the tracker went on with the pose of one image, because no lane was likely with that of the drive."""
+    poses = np.column_stack([telemetry[f"pose_{name}"] for name in POSE_NAMES])
+    known = np.flatnonzero(np.isfinite(poses[:, 0]))
+    before = np.vstack([[getattr(first, name) for name in POSE_NAMES], poses[known]])[:-1]
+    changed = known[(np.abs(poses[known] - before) > 1e-9).any(axis=1)]
+    described = ((telemetry["time_s"][k], CameraPose(*poses[k]).describe()) for k in changed)
+    return [f"from {time_s:.1f} s on with another pose: {words}" for time_s, words in described]
 
 
 def _pose_warnings(video: Path, pose: PoseEstimate | None, settings: DriveSettings) -> list[str]:

@@ -17,6 +17,8 @@ from lanes.drive import Annotation, DriveSettings, annotate
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
+from lanes.pose import PoseEstimate
+from lanes.stills import detect_still
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive
@@ -80,6 +82,8 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
     measured = np.column_stack([found["left_c0_m"], found["right_c0_m"]])[late].ravel()
     np.testing.assert_allclose(measured, lines, atol=0.06)
     assert (found["latency_ms"] > 0).all()
+    pose = SMALL.require_pose()
+    assert found["pose_pitch_rad"][late] == pytest.approx(pose.pitch_rad), "the pose that was used"
 
 
 def test_the_result_has_what_the_files_have(drive, tmp_path):
@@ -95,6 +99,18 @@ def test_the_result_has_what_the_files_have(drive, tmp_path):
                 np.testing.assert_array_equal(table[column], read[column], err_msg=column)
     page = (tmp_path / "drive.html").read_text()
     assert "drive.mp4: lane report" in page and "m high, pitch" in page
+
+
+def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
+    """With the pose of the drive no lane is likely; with that of one image there is one."""
+    wrong = SMALL.with_pose(replace(SMALL.pose, pitch_rad=0.25))
+    assumed = PoseEstimate(wrong, 0.3, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
+    monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
+    still = detect_still(BENDS.frame(0), SMALL)
+    monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
+    (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None))
+    assert f"on with another pose: {SMALL.pose.describe()}" in result.description
+    assert SMALL.pose.pitch_rad in result.telemetry["pose_pitch_rad"]
 
 
 @pytest.mark.parametrize(("orientation", "degrees"), [(3, 180), (6, 90)])

@@ -42,6 +42,8 @@ FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasti
 ROAD_EDGE = "road edge"
 # In the telemetry: no lane is known.
 LOST = "lost"
+# The numbers of a camera pose in the telemetry, after "pose_".
+POSE_NAMES = ("height_m", "pitch_rad", "yaw_rad", "roll_rad")
 # Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(1.5, 400.0, 130)
 # A speed with a larger standard deviation is not stated. It is a third of the speed where the lane does not show it.
@@ -210,8 +212,8 @@ class Lane(ByValue):
         Time to line crossing; None of a single image.
     confidence_shift : float
         Added to the log odds of the confidence; that of the network that found the markings (docs/own_network.md).
-    camera_offset_m : float
-        Position of the camera left of the middle of the car (`Camera.offset_m`). The lines are relative to the camera.
+    camera : Camera or None
+        The camera with the pose that the lane was found with; the lines are relative to it.
     """
 
     model: np.ndarray
@@ -227,7 +229,7 @@ class Lane(ByValue):
     departure: Departure | None = field(default=None, repr=False)
     far_evidence: FarEvidence = (None, None)
     confidence_shift: float = 0.0
-    camera_offset_m: float = 0.0
+    camera: Camera | None = field(default=None, repr=False)
 
     @property
     def tracked(self) -> bool:
@@ -247,7 +249,7 @@ class Lane(ByValue):
     @property
     def offset_m(self) -> float:
         """Position of the middle of the car left of the lane centre."""
-        return float(-self.model[CENTRE]) - self.camera_offset_m
+        return float(-self.model[CENTRE]) - (self.camera.offset_m if self.camera else 0.0)
 
     @property
     def offset_std_m(self) -> float:
@@ -419,7 +421,8 @@ def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     for side, far in zip(("left", "right"), lane.adjacent if lane else (None, None), strict=True):
         row[f"far_{side}_c0_m"] = far.offset_m if far else None
     row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
-    return row
+    pose = lane.camera.pose if lane and lane.camera else None
+    return row | {f"pose_{name}": getattr(pose, name, None) for name in POSE_NAMES}
 
 
 def project_lines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> np.ndarray:

@@ -82,7 +82,7 @@ def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Se
         clear_share=clear_share(fit),
         far_evidence=observe_far_lines(fit, evidence),
         confidence_shift=evidence.confidence_shift,
-        camera_offset_m=evidence.view.camera.offset_m,
+        camera=evidence.view.camera,
     )
     return Search(votes, near, fit, lane)
 

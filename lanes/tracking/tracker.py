@@ -406,7 +406,7 @@ class LaneTracker:
             departure=departure,
             far_evidence=far,
             confidence_shift=self.evidence.confidence_shift if self.evidence else 0.0,
-            camera_offset_m=self.view.camera.offset_m,
+            camera=self.view.camera,
         )
         if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
             return replace(lane, departure=replace(departure, due=False))
