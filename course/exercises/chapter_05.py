@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from course.exercises.drawings import draw_paint
-from course.exercises.paint import MakeMask, explain_missing, explain_wrong, rate_paint
+from course.exercises.paint import explain_missing, explain_wrong, rate_paint
 from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
 from helpers import FourPointWarp
 from lanes.camera import Camera
 
+MakeMask = Callable[[np.ndarray], "np.ndarray | None"]
 # Clearly more than hls_sobel (51 %), or its colour and magnitude without the gradient of L (89 %). 62 % of 375 masks
 # reach both limits: top-hats 41 to 81 columns wide, openings 21 to 61 rows tall, three channels, five thresholds.
 LEAST_PRECISION = 0.92
@@ -44,8 +47,7 @@ def check_paint_mask(
         return hint(f"{reached}. {explain_wrong(rating, warp, camera)}")
     reached = f"precision {rating.precision:.0%}, recall {rating.recall:.0%}"
     if rating.recall < LEAST_RECALL:
-        reason = explain_missing(rating, make_mask, warp, camera)
-        return hint(f"{reached} (at least {LEAST_RECALL:.0%}). {reason}")
+        return hint(f"{reached} (at least {LEAST_RECALL:.0%}). {explain_missing(rating, warp, camera)}")
     other = make_mask(second.copy())
     problem = "None" if other is None else _mask_problem(other, second.shape[:2])
     if other is None or problem:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from course.exercises.drawings import draw_caught
-from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Checks, Verdict, correct, find_mistake, hint
 from helpers import FourPointWarp, find_peaks, lane_histogram, metres_per_pixel
 from lanes.camera import Camera
 
@@ -61,17 +61,18 @@ def _width_problem(width_m: float, histogram: np.ndarray, across_m: float) -> st
     if left is None or right is None:
         return "The histogram has no peak on one side; take another picture."
     middle, columns = len(histogram) // 2, float(right - left)
-    if abs(width_m - columns) < 1:
-        return "This is the distance in columns. Multiply by the metres per column of chapter 4."
-    if abs(width_m + columns * across_m) <= 0.02:
-        return "The sign is wrong: columns grow to the right, so take right minus left."
-    if abs(width_m - columns * 3.7 / 700) < 0.01:
-        return "You used 3.7 m / 700 columns, which belongs to another warp (chapter 4)."
     of_left = np.flatnonzero(histogram[:middle] == histogram[left])
     of_right = middle + np.flatnonzero(histogram[middle:] == histogram[right])
     of_any = [columns, *(float(choose(of_right) - choose(of_left)) for choose in (np.min, np.mean, np.max))]
     if np.abs(np.array(of_any) * across_m - width_m).min() <= 0.02:
         return None
+    mistakes = {
+        "This is the distance in columns. Multiply by the metres per column of chapter 4.": columns,
+        "The sign is wrong: columns grow to the right, so take right minus left.": -columns * across_m,
+        "You used 3.7 m / 700 columns, which belongs to another warp (chapter 4).": columns * 3.7 / 700,
+    }
+    if mistake := find_mistake(width_m, mistakes, rtol=0.005):
+        return mistake
     return f"In its lower half of rows the peaks are {columns:.0f} columns apart; how many metres is one?"
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Verdict, correct, find_mistake, hint
 from lanes.camera import Camera, CameraPose
 
 # Largest relative error of the answer. The small-angle formula is within 0.2 % of the camera's projection.
@@ -54,7 +54,7 @@ def check_pitch_error(pitch_error_deg: Callable[[float, float, float, float], fl
     if any(np.ndim(answer) for answer in answers):
         return hint("return one number, the error in degrees.")
     found, true = np.array(answers, float), np.array([case.error_deg for case in CASES])
-    if _agrees(found, true):
+    if np.allclose(found, true, rtol=TOLERANCE, atol=0):
         return correct(
             f"{len(CASES)} errors from {true.min()} to {true.max()} degrees are right within {TOLERANCE:.0%}."
         )
@@ -68,17 +68,12 @@ def check_pitch_error(pitch_error_deg: Callable[[float, float, float, float], fl
     }
     said = f"a lane {CASES[0].true_width_m} m wide that looks {seen[0][0]:.2f} m wide at {seen[0][1]:.1f} m: "
     said += f"yours is {found[0]:.3f}, true {true[0]:.3f}"
-    for sentence, wrong in mistakes.items():
-        if _agrees(found, wrong):
-            return hint(f"{said}; {sentence}")
+    if mistake := find_mistake(found, mistakes, rtol=TOLERANCE):
+        return hint(f"{said}; {mistake}")
     return hint(
         f"{said} degrees. The ray falls by h / X' in the view, and by h / X on the road. Compare the two; take "
         "height and width from the arguments."
     )
-
-
-def _agrees(found: np.ndarray, expected: np.ndarray) -> bool:
-    return bool(np.allclose(found, expected, rtol=TOLERANCE, atol=0))
 
 
 CHECKS = {"9.1": check_pitch_error}

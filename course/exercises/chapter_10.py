@@ -10,51 +10,40 @@ from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
 
 # Cells at either end of a row that do not count, and the positions of the stripes and edges.
 MARGIN, PLACE = 40, 150
-# Gray levels of the road, and of the contrast of paint and seams.
-ROAD, CONTRAST = 120.0, 60.0
+# Gray levels of the road, and of the contrast of paint and seams; largest error, as a share of the score of a stripe.
+ROAD, CONTRAST, TOLERANCE = 120.0, 60.0, 0.1
 
 
 def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> Verdict:
     """10.1: the response of the band filter along one row."""
-    stripe, double, edge, seam = (_row(3), _row(7), _edge(), _row(3, contrast=-CONTRAST))
-    if respond(stripe.copy(), 3) is None:
+    if respond(_row(3), 3) is None:
         return NOT_TRIED
-    on_stripe, on_double, on_edge, on_seam = (
-        np.asarray(respond(row.copy(), width), float) for row, width in ((stripe, 3), (double, 7), (edge, 3), (seam, 3))
-    )
-    if on_stripe.shape != stripe.shape:
-        return hint(f"the result has shape {on_stripe.shape}; it needs one number for each cell, {stripe.shape}.")
-    if not all(np.isfinite(scores[MARGIN:-MARGIN]).all() for scores in (on_stripe, on_double, on_edge, on_seam)):
-        return hint("some scores are NaN or infinite.")
-    course_score = _respond(stripe, 3)
-    expected = course_score[PLACE]
-    if on_stripe[PLACE] < 0:
-        return hint(f"a bright stripe scores {on_stripe[PLACE]:.1f}. Subtract the road from the stripe.")
-    if on_seam[PLACE] > 0:
-        return hint(f"a dark seam scores {on_seam[PLACE]:.1f}. It is no paint: take no absolute value.")
-    if abs(on_stripe[PLACE] - expected) > 0.1 * expected:
-        return hint(
-            f"the stripe scores {on_stripe[PLACE]:.1f} instead of {expected:.1f}. Divide by the noise, 1 + n; n is "
-            "the mean over 51 cells."
-        )
-    near_edge = on_edge[MARGIN:-MARGIN].max()
-    if near_edge > 2:
-        return hint(f"an edge of a shadow scores {near_edge:.1f}. Subtract the larger of the two sides: max(m_l, m_r).")
-    wide = _respond(double, 7)[PLACE]
-    if abs(on_double[PLACE] - wide) > 0.1 * wide:
-        return hint(
-            f"a double line 7 cells wide scores {on_double[PLACE]:.1f} instead of {wide:.1f}. "
-            "The width decides over the mean in the centre and over the distance of the strips of road."
-        )
-    worst = MARGIN + int(np.abs(on_stripe - course_score)[MARGIN:-MARGIN].argmax())
-    if abs(on_stripe[worst] - course_score[worst]) > 0.1 * expected:
-        return hint(
-            f"{abs(worst - PLACE)} cells beside the middle of a stripe the score is {on_stripe[worst]:.1f} "
-            f"instead of {course_score[worst]:.1f}. Check gap, strips and noise."
-        )
-    return correct(
-        f"a stripe scores {expected:.1f}, an edge at most {max(near_edge, 0):.1f}, a seam {on_seam[PLACE]:.1f}."
-    )
+    middle, all_cells = slice(PLACE, PLACE + 1), slice(MARGIN, -MARGIN)
+    noise = "Subtract the road from the stripe, and divide by 1 + n, where n is the mean over 51 cells."
+    width = "The width decides over the mean in the centre and over the distance of the strips of road."
+    # row, width of a stripe in it, the cells whose largest score counts, and what to think of if it is wrong
+    cases = {
+        "a bright stripe": (_row(3), 3, middle, noise),
+        "a dark seam": (_row(3, contrast=-CONTRAST), 3, middle, "It is no paint: take no absolute value."),
+        "an edge of a shadow": (_edge(), 3, all_cells, "Subtract the larger of the two sides: max(m_l, m_r)."),
+        "a double line 7 cells wide": (_row(7), 7, middle, width),
+        "a cell beside a stripe": (_row(3), 3, all_cells, "Check gap, strips and noise."),
+    }
+    reached, tolerance = {}, TOLERANCE * _respond(_row(3), 3)[PLACE]
+    for name, (row, cells, place, advice) in cases.items():
+        found, expected = np.asarray(respond(row.copy(), cells), float), _respond(row, cells)
+        if found.shape != row.shape:
+            return hint(f"the result has shape {found.shape}; it needs one number for each cell, {row.shape}.")
+        if not np.isfinite(found[all_cells]).all():
+            return hint("some scores are NaN or infinite.")
+        reached[name] = found[place].max()
+        if abs(reached[name] - expected[place].max()) > tolerance:
+            return hint(f"{name} scores {reached[name]:.1f} instead of {expected[place].max():.1f}. {advice}")
+    worst = int(np.abs(found - expected)[all_cells].argmax()) + MARGIN
+    if abs(found[worst] - expected[worst]) > tolerance:
+        return hint(f"{name} scores {found[worst]:.1f} instead of {expected[worst]:.1f}. {advice}")
+    stripe, seam, edge, *_ = reached.values()
+    return correct(f"a stripe scores {stripe:.1f}, an edge at most {max(edge, 0):.1f}, a seam {seam:.1f}.")
 
 
 def _row(width: int, *, contrast: float = CONTRAST) -> np.ndarray:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from course.exercises.verdict import NOT_TRIED, Verdict, correct, hint
+from course.exercises.verdict import NOT_TRIED, Verdict, correct, find_mistake, hint
 
 KnownWidthFit = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
 # The lane of the check: centre (m), heading (rad), curvature (1/m), width (m).
@@ -18,33 +18,31 @@ OTHER_CENTRE_M, OTHER_WIDTH_M = 2.5, 3.0
 
 def check_known_width(fit: KnownWidthFit) -> Verdict:
     """11.1: the lane from one of its lines, with a known width."""
-    fits = [_fit_line(fit, side, CENTRE_M, WIDTH_M) for side in (1, -1)]
+    lane, other = (CENTRE_M, WIDTH_M), (OTHER_CENTRE_M, OTHER_WIDTH_M)
+    fits = [_fit_line(fit, side, *lane) for side in (1, -1)]
     if fits[0] is None:
         return NOT_TRIED
     if any(np.shape(found) != (3,) for found in fits):
         return hint(f"the result has shape {np.shape(fits[0])}; return the centre, the heading and the curvature.")
-    lanes = np.array(fits, float)
-    off, both_m = lanes - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M], np.ptp(lanes[:, 0])
-    if np.allclose(lanes[:, 2], CURVATURE_PER_M / 2, atol=TOLERANCES[2]):
-        return hint(
-            f"the curvature is {1e3 * lanes[0, 2]:.1f} instead of {1e3 * CURVATURE_PER_M:.1f} 1/km: use x^2 / 2."
-        )
-    if abs(both_m - WIDTH_M) < 0.1 and abs(off[0, 0] - WIDTH_M / 2) < 0.1:
-        return hint(f"the centre lies {off[0, 0]:.2f} m too far left: this is the line. Use the width.")
-    if abs(off[0, 0] + WIDTH_M / 2) < 0.1:
-        return hint("the centre lies half a width too far right: it is half a width from either line.")
-    if abs(off[0, 0] - WIDTH_M) < 0.1:
-        return hint("the centre lies on the wrong side of the left line: it is to the right of it, so y is smaller.")
-    if abs(off[0, 0]) < TOLERANCES[0] < abs(off[1, 0]):
-        return hint("with the left line it is right, but not with the right line, where `left` is False.")
-    if not (np.abs(off) <= TOLERANCES).all():
-        centre_m, heading_rad, curvature_per_m = lanes[0]
+    left, right = (np.asarray(found, float) - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M] for found in fits)
+    if abs(left[2] + CURVATURE_PER_M / 2) < TOLERANCES[2]:
+        return hint("the curvature is half of the true one: use x^2 / 2.")
+    mistakes = {
+        "left: this is the line. Use the width.": WIDTH_M / 2,
+        "right: it is half a width from either line.": -WIDTH_M / 2,
+        "left: it is on the wrong side of the left line. To the right y is smaller.": WIDTH_M,
+    }
+    if mistake := find_mistake(left[0], mistakes, atol=0.1):
+        return hint(f"the centre lies {abs(left[0]):.2f} m too far {mistake}")
+    if not (np.abs(left) <= TOLERANCES).all():
+        centre_m, heading_rad, curvature_per_m = fits[0]
         return hint(
             f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km; true "
             f"are {CENTRE_M} m (left is positive), {HEADING_RAD} rad and {1e3 * CURVATURE_PER_M:.1f} 1/km."
         )
-    others = np.array([_fit_line(fit, side, OTHER_CENTRE_M, OTHER_WIDTH_M) for side in (1, -1)], float)
-    if not (np.abs(others[:, 0] - OTHER_CENTRE_M) <= TOLERANCES[0]).all():
+    if not (np.abs(right) <= TOLERANCES).all():
+        return hint("with the left line it is right, but not with the right line, where `left` is False.")
+    if not all(abs(_fit_line(fit, side, *other)[0] - OTHER_CENTRE_M) <= TOLERANCES[0] for side in (1, -1)):
         return hint(
             f"in a lane {OTHER_WIDTH_M} m wide beside the car it is wrong. Use width_m and left, not {WIDTH_M} m and "
             "the sign of y."
@@ -52,7 +50,7 @@ def check_known_width(fit: KnownWidthFit) -> Verdict:
     mixed = _fit_both(fit)
     if np.shape(mixed) != (3,) or not (np.abs(mixed - [CENTRE_M, HEADING_RAD, CURVATURE_PER_M]) <= TOLERANCES).all():
         return hint("with candidates of both lines it is wrong: each of them counts, with its own half width.")
-    return correct(f"with one line the centre is off by {100 * np.abs(off[:, 0]).max():.1f} cm at most.")
+    return correct(f"with one line the centre is off by {100 * max(abs(left[0]), abs(right[0])):.1f} cm at most.")
 
 
 def _fit_line(fit: KnownWidthFit, side: int, centre_m: float, width_m: float) -> np.ndarray:

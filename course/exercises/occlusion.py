@@ -11,6 +11,7 @@ from functools import partial
 
 import numpy as np
 
+from course.exercises.verdict import find_mistake
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
 from lanes.stills import find_lane
@@ -52,23 +53,21 @@ def explain_difference(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camer
     mine = moved_m[tuple(squares.T)]
     signed = _moves(image, lane, camera, squares, cover_square)
     expected = np.abs(signed[:, :, 0]).max(axis=1)
-    if _close(expected, mine):
+    if np.allclose(np.minimum(expected, LARGEST_M), mine, rtol=0, atol=CLOSE_M):
         return None
     if not moved_m.any():
         return "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
-    for reason, values in _wrong_measures(signed).items():
-        if _close(values, mine):
-            return reason
     wrong = np.argsort(-np.abs(expected - mine))[:COMPARED_COUNT]
-    for reason, cover in WRONG_COVERS.items():
-        if _close(np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0]).max(axis=1), mine[wrong]):
-            return reason
+    covered = {
+        reason: np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0]).max(axis=1)
+        for reason, cover in WRONG_COVERS.items()
+    }
+    for moves_m, found_m in ((_wrong_measures(signed), mine), (covered, mine[wrong])):
+        limited = {reason: np.minimum(values, LARGEST_M) for reason, values in moves_m.items()}
+        if mistake := find_mistake(found_m, limited, atol=CLOSE_M):
+            return mistake
     place, got_m, right_m = squares[wrong[0]].tolist(), mine[wrong[0]], expected[wrong[0]]
     return f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 80 x 80 pixels gray, 128?"
-
-
-def _close(values: np.ndarray, mine: np.ndarray) -> bool:
-    return bool(np.abs(np.minimum(values, LARGEST_M) - mine).max() <= CLOSE_M)
 
 
 def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, cover: Cover) -> np.ndarray:

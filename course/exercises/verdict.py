@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
@@ -31,3 +34,13 @@ def correct(sentence: str) -> Verdict:
 def hint(sentence: str) -> Verdict:
     """The answer is wrong; `sentence` describes it and names the next step."""
     return Verdict(False, sentence)
+
+
+def find_mistake(
+    found: ArrayLike, mistakes: Mapping[str, ArrayLike], *, rtol: float = 0, atol: float = 0
+) -> str | None:
+    """The sentence about the mistake that leads to the numbers found, or None; `mistakes` has the numbers of each."""
+    for sentence, wrong in mistakes.items():
+        if np.shape(found) == np.shape(wrong) and np.allclose(found, wrong, rtol, atol):
+            return sentence
+    return None

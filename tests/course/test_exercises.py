@@ -12,7 +12,7 @@ from course.exercises.chapter_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
 from course.exercises.paint import explain_missing, explain_wrong, rate_paint
-from course.exercises.verdict import NOT_TRIED, correct, hint
+from course.exercises.verdict import NOT_TRIED, correct, find_mistake, hint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
@@ -44,6 +44,12 @@ def test_verdicts_and_unknown_numbers_in_words():
         check_exercise("99.1", 1)
 
 
+def test_a_mistake_is_named_only_if_all_its_numbers_agree():
+    mistakes = {"too large": [2.0, 4.0], "too small": [1.0, 1.0]}
+    assert find_mistake([2.0, 4.01], mistakes, atol=0.02) == "too large"
+    assert [find_mistake(found, mistakes, rtol=0.1) for found in ([2.0, 1.0], 1.0, [np.nan, 1])] == [None] * 3
+
+
 def draw_mask(*pieces_m: tuple[float, float, float], width_px: int = 25) -> np.ndarray:
     """A mask of pieces along the road: lateral position, first and last distance, metres."""
     mask = np.zeros((720, 1280), np.uint8)
@@ -73,18 +79,14 @@ def test_paint_is_rated_by_place_and_by_line():
 
 
 @pytest.mark.parametrize(
-    ("level", "rows", "words"),
-    [(255, 1, "White paint"), (100, 81, "opening that is longer"), (100, 67, "leans"), (100, 31, "too high")],
+    ("pieces_m", "words"),
+    [
+        ([(1.6, 4, 12), (-2, 4, 35)], "solid yellow line it finds only 3"),
+        ([(1.6, 4, 35), (-2, 5, 8)], "dash has 73 rows"),
+    ],
 )
-def test_the_reason_for_missing_dashes_is_named(level, rows, words):
-    """A dash has 73 rows in this view, and one that leans about 60 in a column."""
-    tall = np.ones((rows, 1), np.uint8)
-
-    def make_mask(above):
-        return cv2.morphologyEx(cv2.inRange(above[..., 2].copy(), level, 255), cv2.MORPH_OPEN, tall)
-
-    rating = rate_paint(draw_mask((1.6, 4, 35)), WARP, CAMERA, STRAIGHT)
-    assert words in explain_missing(rating, make_mask, WARP, CAMERA)
+def test_the_line_that_is_missing_is_named(pieces_m, words):
+    assert words in explain_missing(rate_paint(draw_mask(*pieces_m), WARP, CAMERA, STRAIGHT), WARP, CAMERA)
 
 
 @pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
