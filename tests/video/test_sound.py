@@ -22,6 +22,9 @@ def test_part_with_synchronous_sound(tmp_path):
     target = tmp_path / "out.mp4"
     info = process_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
     assert (info.frames, info.duration_s) == (50, 2.0)
+    # copied: encoding again would change the bytes
+    before, after = ({data for _, data in sound_packets(file)} for file in (path, target))
+    assert after <= before and len(after) > 50
     assert tone_starts_s(target) == pytest.approx(0.8, abs=0.05)
     with av.open(str(target)) as container:
         sound = container.streams.audio[0]
@@ -43,15 +46,6 @@ def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
     info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert info.has_audio
     assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(40 / 25 / 2, abs=0.03)
-
-
-def test_sound_that_browsers_play_is_copied(video, tmp_path):
-    """Packets keep their bytes and times; re-encoding would change the bytes."""
-    process_video(video, tmp_path / "out.mp4", unchanged, progress=False)
-    before, after = sound_packets(video), sound_packets(tmp_path / "out.mp4")
-    # the encoder's packets before the first frame are left out
-    assert set(after) <= set(before)
-    assert len(after) >= len(before) - 2 > 80
 
 
 @pytest.mark.parametrize(("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)])
