@@ -119,7 +119,7 @@ def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None
     mechanism, drive = task
     estimates = run_system(drive, TRACKER, end_s=end_s, settings=mechanism.settings())
     truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
-    return Measurement(frame_errors(estimates, truth, drive.camera), normalize_errors(estimates, truth))
+    return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
 
 
 def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Measurement]) -> str:
