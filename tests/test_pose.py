@@ -14,7 +14,7 @@ from lanes.errors import PictureError, PoseError
 from lanes.images import read_image, write_image
 from lanes.pose import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from lanes.pose_votes import LOG_HEIGHTS, rival_std, vote_heights
-from tests.support.not_roads import not_a_road
+from simulator.not_roads import not_a_road
 from tests.support.painted_roads import paint_motorway
 from tests.support.project import ROOT
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet

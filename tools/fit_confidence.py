@@ -40,15 +40,14 @@ from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
 from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.video.reader import inspect_video, read_video
+from simulator.not_roads import KINDS, not_a_road
+from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
 from simulator.scenes.suite import SUITE, render_scene
-from tests.support.not_roads import KINDS, not_a_road
-from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
-from tests.support.painted_roads import DASH_M
-from tests.support.photos import Photo, find_with_own_pose, flat_scenes, right_in_picture, take_photo
+from tools.photos import Photo, find_with_own_pose, flat_scenes, right_in_picture, take_photo
 
 DRIVES, SECONDS, FPS = 60, 3.0, 12.5
 # Every fourth frame is also detected without the tracker.

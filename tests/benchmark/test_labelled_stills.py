@@ -130,6 +130,10 @@ def test_z_is_the_ratio_of_true_and_stated_std(stated):
     assert stated < 1 or z_summary(z[np.isfinite(z)])["within_1"] == pytest.approx(0.68, abs=0.04)
 
 
+def test_the_labels_have_a_standard_deviation_of_their_own():
+    assert z_rms(all_z(drawn_checks(np.diag(STD**2) / 1e4))) == pytest.approx(1, abs=0.1)
+
+
 def test_errors_of_the_pitch_are_not_in_the_picture_where_the_width_makes_up_for_them():
     """A pitch widens the lane in the picture. Errors of both cancel there, 15 m ahead."""
     pitch = a_lane(width=0.0, pitch=1e-3)

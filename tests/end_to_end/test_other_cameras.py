@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from lanes.field_of_view import DEFAULT_HFOV_DEG
-from tests.support.photos import Photo, find_with_own_pose, right_in_picture, take_photo
+from tools.photos import Photo, find_with_own_pose, right_in_picture, take_photo
 
 pytestmark = pytest.mark.slow
 
