@@ -59,17 +59,6 @@ def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_
     assert (left + right) / 2 == pytest.approx(1.8, abs=0.003)
 
 
-def test_solid_and_broken_marking_next_to_each_other():
-    """The right line has a dash from 6 m to 9.05 m ahead, then a gap of 9.15 m; the left line is solid."""
-    solid, broken = Marking(1.91, wear=0.0), Marking(1.69, dashed=True, phase_m=56.0, wear=0.0)
-    near, far = (stripes_at((solid, broken), x_m) for x_m in (7.5, 13.0))
-    assert np.array(near) == pytest.approx(np.array([[1.91, 0.12], [1.69, 0.12]]), abs=0.003)
-    assert [d for d, _ in far] == pytest.approx([1.91], abs=0.003)
-    # Both stripes of one double marking are broken together.
-    both = (Marking(1.8, dashed=True, phase_m=56.0, double_gap_m=0.1, wear=0.0),)
-    assert len(stripes_at(both, 7.5)) == 2 and stripes_at(both, 13.0) == []
-
-
 def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
     road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), VehiclePose(50.0, 0.1)
     ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))

@@ -8,8 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
-from simulator.objects.object_painter import paint_objects
 from simulator.objects.scene_objects import Car, PlacedObject, Post, Tree
 from simulator.objects.shadows import shadow_polygons
 from simulator.objects.vehicles import footprint, outline_points
@@ -20,50 +18,6 @@ from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_entr
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
 from tests.simulator.small_drive import POSE, small_drive
-
-SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
-
-
-def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0.0) -> Camera:
-    matrix = np.array([[580.0, 0, 319.5], [0, 578.0, 190.0], [0, 0, 1]])
-    return Camera(640, 360, matrix, np.array(distortion), CameraPose(1.3, np.radians(-1.5), yaw, roll))
-
-
-EMPTY = np.full((360, 640, 3), 0.3, np.float32)
-
-
-def draw(objects, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
-    image = EMPTY.copy()
-    paint_objects(image, lens or camera(), objects, sun_direction=sun, haze=haze)
-    return image
-
-
-def changed(objects, lens=None) -> np.ndarray:
-    return np.abs(draw(objects, lens) - EMPTY).max(axis=2) > 0.02
-
-
-@pytest.mark.parametrize(("x", "y"), [(12.0, -3.2), (45.0, -1.0)])
-def test_car_fills_its_projected_box(x, y):
-    lens = camera(yaw=0.02, roll=0.01)
-    rows, columns = np.nonzero(changed([Car(x, y, 0.0, "white")], lens))
-    corners = np.array([[x + i, y + j, k] for i in (-2.42, 2.42) for j in (-0.92, 0.92) for k in (0.0, 1.46)])
-    box = lens.road_to_pixels(corners)
-    # Mirrors stick out of the box by 0.2 m, the contact shadow is soft, and edges are soft by a pixel.
-    metre_px = 580 / (x - 2.4)
-    assert columns.min() == pytest.approx(box[:, 0].min(), abs=3 + 0.2 * metre_px)
-    assert columns.max() == pytest.approx(box[:, 0].max(), abs=3 + 0.2 * metre_px)
-    assert rows.max() == pytest.approx(box[:, 1].max(), abs=3 + 0.12 * metre_px)
-    assert box[:, 1].min() - 2 <= rows.min() <= box[:, 1].min() + 0.2 * (rows.max() - rows.min())
-
-
-def test_near_objects_hide_far_ones_in_any_order():
-    near, far = Car(12.0, 0.0, 0.0, "white"), Car(30.0, 0.0, 0.0, "red", "suv")
-    one, other = draw([near, far]), draw([far, near])
-    np.testing.assert_array_equal(one, other)
-    u, v = np.round(camera().road_to_pixels(np.array([[10.0, 0.0, 0.8]]))[0]).astype(int)
-    window = slice(v - 3, v + 3), slice(u - 3, u + 3)
-    np.testing.assert_allclose(one[window], draw([near])[window], atol=1e-6)
-    assert np.abs(draw([far])[window] - one[window]).max() > 0.05
 
 
 def test_shadows_fall_away_from_the_sun():
@@ -76,9 +30,6 @@ def test_shadows_fall_away_from_the_sun():
     assert tree[:, 0].min() < 30 - 5 and tree[:, 0].mean() < 28
     post = shadow_polygons([Post(10.0, 0.0, 4.0)], np.array([0.0, 0.6, 0.8]))[0]
     assert post[:, 1].min() == pytest.approx(-3.0, abs=0.1)
-
-
-PATH = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
 
 
 def bend_drive(*objects: PlacedObject) -> Drive:
@@ -124,12 +75,3 @@ def test_vehicle_hides_exactly_the_part_of_the_line_behind_it(body, s_m, lateral
     if body != "motorcycle":
         assert lost[inside].all()
     assert inside.sum() >= 2 and lost[inside].sum() >= 2
-
-
-def test_lateral_path_passes_its_knots_and_sets_the_heading():
-    car = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, PATH)
-    np.testing.assert_allclose([car.lateral_at(t) for t, _ in PATH], [d for _, d in PATH], atol=1e-12)
-    assert car.lateral_at(-1.0) == PATH[0][1] and car.lateral_at(9.0) == PATH[-1][1]
-    # The slope of a smooth step at its middle is 1.5 times its mean.
-    assert car.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
-    assert car.path_heading_rad(2.5) == 0 and car.path_heading_rad(4.0) < 0

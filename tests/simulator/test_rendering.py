@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video
 from simulator.road.truth import truth_row
 from simulator.scenes.stills import still_scenes
-from tests.simulator.small_drive import POSE, SMALL, TINY, small_drive
+from tests.simulator.small_drive import POSE, TINY, small_drive
 
 
 def test_committed_still_is_rendered_again():
@@ -62,13 +61,3 @@ def test_interrupted_video_leaves_no_files(tmp_path):
         write_video(tmp_path / "a.mp4", drive=small_drive(camera=TINY), **options)
     assert list(tmp_path.iterdir()) == []
     assert multiprocessing.active_children() == []
-
-
-def test_bridge_shades_only_the_road_below_it():
-    drive = small_drive(0.0, motion=Motion(100.0))
-    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
-    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
-    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
-    assert ratio[under[1], under[0]].max() < 0.6
-    assert ratio[before[1], before[0]].min() > 0.9
-    assert ratio[beyond[1], beyond[0]].min() > 0.9

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
-from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.geometry import (
@@ -151,17 +148,3 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
         off += list(from_paint[rows, columns])
     assert len(off) > 60
     assert np.quantile(off, 0.97) <= 1.0 and max(off) < 2.5
-
-
-def test_crest_hides_objects_behind_it():
-    road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
-    ahead = RoadAhead(road, VehiclePose(20.0))
-    crest_distance_m = ahead.crest_distance_m(SMALL.pose.height_m)
-    assert 25 < crest_distance_m < 45
-    even = RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), VehiclePose(20.0))
-    assert even.crest_distance_m(1.3) == np.inf
-    bare = render_frame(painted_drive(road, 20.0)).image
-    for s_m, changes in ((20.0 + 0.7 * crest_distance_m, True), (20.0 + crest_distance_m + 45.0, False)):
-        item = PlacedObject(s_m, 0.4, Car(0, 0, 0.0, "red"))
-        picture = render_frame(painted_drive(road, 20.0, objects=(item,))).image
-        assert (np.abs(picture.astype(int) - bare).max() > 60) == changes

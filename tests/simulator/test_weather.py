@@ -6,20 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, RoadLight
-from simulator.light.sunlight import Sun, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.scene_objects import Car
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
-from simulator.weather.night import Night, visible_lamps
+from simulator.weather.night import Night
 from simulator.weather.rain import Rain
-from tests.simulator.small_drive import SMALL, small_drive
+from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 WIDE_LINE = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
@@ -33,10 +30,6 @@ def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
 
 def straight_drive(**changes) -> Drive:
     return asphalt_drive(0.0, motion=Motion(100.0), **changes)
-
-
-def under_bridge(**changes) -> Drive:
-    return asphalt_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
 
 
 def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
@@ -84,32 +77,12 @@ def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
 
 
-def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
-    def contrast(azimuth: float, **changes) -> float:
-        drive = straight_drive(sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
-        paint, road = (ground_levels(drive, np.array([10.0, 15.0, 25.0]), y, monkeypatch) for y in (1.83, 1.0))
-        return float((paint / road).mean())
-
-    shaded = contrast(0.0, shades=(WoodShade(-50.0, 400.0, 0.01),))
-    assert contrast(0.0) < 0.5 * contrast(np.pi)
-    assert shaded > 1.5 * contrast(0.0)
-
-
 def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
     x = np.array([10.0, 20.0, 35.0])
     drives = [straight_drive(night=Night(retroreflection=r), markings=WIDE_LINE) for r in (4.0, 1.0)]
     for y, expected in ((1.83, 4.0), (0.6, 1.0)):
         lit, plain = (ground_levels(drive, x, y, monkeypatch) for drive in drives)
         np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
-
-
-def test_lamps_behind_a_nearer_vehicle_are_hidden():
-    """A lorry hides lamps behind it, not lamps next to it and its own tail lamps."""
-    lorry = Car(20.0, 0.5, 0.1, "white", body="truck")
-    for y_m, lamps in ((0.4, 2), (6.0, 4)):
-        seen = visible_lamps([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
-        assert len(seen) == lamps
-        assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():
