@@ -2,7 +2,7 @@
 
 A recipe warps with its published points, or with points from the camera pose (NAME_pose).
 The drives are the scenes of the suite, which are rendered once and cached, or your own videos.
-Writes benchmark.csv, consistency.csv, benchmark.png and reliability.png. Finished scores are cached, so an
+Writes benchmark.csv, consistency.csv and reliability.png. Finished scores are cached, so an
 interrupted run continues where it stopped.
 --speed measures times instead (some minutes).
 --labels scores the systems on hand-labelled stills instead, as `lanes score` does with a file of predictions.
@@ -92,14 +92,14 @@ def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
     from benchmark.runner import run_benchmark
     from benchmark.scored_drive import PROJECT_ROOT, choose_drives, list_drives
-    from benchmark.speed import measure_speed
+    from benchmark.speed import describe_speed
     from benchmark.systems import SYSTEMS
 
     if options.list:
         for drive in list_drives().values():
             print(f"{drive.name:24}{drive.difficulty:9}{drive.description}")
     elif options.speed:
-        print(measure_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4", progress=progress_line).describe())
+        print(describe_speed(PROJECT_ROOT / "test_videos" / "project_video.mp4"))
     elif options.labels:
         _score_labelled(options)
     else:
@@ -126,13 +126,13 @@ def _score_labelled(options: argparse.Namespace) -> None:
         some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
         lens, settings = find_lens(options)
-        folder = stills.score_folder(some, options.files, lens, systems, progress_line, markings=settings.markings)
+        folder = stills.score_folder(some, options.files, lens, systems, markings=settings.markings)
         scored.append(folder)
-        checks = stills.summarize_checks(folder.checks)
-        print(f"{name}: {len(some)} stills; {checks}" if name else folder.describe_pose())
+        lanes = stills.summarize_lanes(folder.engine)
+        print(f"{name}: {len(some)} stills; {lanes}" if name else folder.describe_pose())
     print(stills.describe_labelled(stills.join_scores(scored)))
-    if every := [check for folder in scored for check in folder.checks]:
-        print(f"\n{stills.describe_checks(every)}\n")
+    if every := [lane for folder in scored for lane in folder.engine]:
+        print(f"\n{stills.describe_lanes(every)}\n")
 
 
 def _report(results: list, folder: Path) -> None:
@@ -142,19 +142,16 @@ def _report(results: list, folder: Path) -> None:
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
 
-    rows = [*score_rows(results), *total_rows(results)]
-    print(tables.describe_scores(rows))
-    print(tables.describe_run(rows))
-    for report in (consistency.describe_consistency(results), reliability.describe_confidence(results)):
-        if report:
-            print(f"\n{report}")
+    rows, stated = [*score_rows(results), *total_rows(results)], consistency.consistency_rows(results)
+    print(f"{tables.describe_scores(rows)}\n{tables.describe_run(rows)}")
+    if stated:
+        print(f"\n{consistency.consistency_table(stated)}\n{consistency.LEGEND}")
+        print(f"\n{reliability.describe_confidence(results)}")
     if of_tracker := [result for result in results if result.system == TRACKER]:
         print(f"\nFailures of the tracker:\n{tables.describe_failures(of_tracker) or 'none'}")
-    stated = consistency.consistency_rows(results)
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         write_telemetry(folder / "consistency.csv", stated) if stated else None,
-        figures.save_scores_figure(folder / "benchmark.png", rows),
         figures.save_reliability_figure(folder / "reliability.png", results),
     ]
     print(f"wrote {', '.join(str(path) for path in written if path)}")

@@ -9,20 +9,17 @@ Bar-Shalom et al., "Estimation with applications to tracking and navigation", 20
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from benchmark.errors import NUMBERS, QUANTITIES, NormalizedErrors
-from benchmark.reporting.tables import read_scores
 from benchmark.scores import Result, Row, by_difficulty, total_name
-from lanes.describe import format_table
 
 LEGEND = """\
-z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and the
-shares within 1 and 2 standard deviations (68/95 % are wanted). NEES is e^T P^-1 e / 4 of offset, heading, curvature and
-width with their stated covariance P: its mean is 1 if P is true, larger if the errors are larger than stated.
-Frames of a lane change, and those in which another lane was found, are counted, but left out."""
+z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and its
+share within 2 (95 % is wanted). NEES / 4 is e^T P^-1 e / 4 of these errors with their stated covariance P: its mean is
+1 if P is true, larger if the errors are larger than stated. Frames of a lane change, and those in which another lane
+was found, are left out; consistency.csv counts them."""
 
 
 def z_summary(z: np.ndarray) -> dict[str, float]:
@@ -55,29 +52,10 @@ def consistency_rows(results: Iterable[Result]) -> list[Row]:
     return scenes + [_row(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
 
 
-def describe_consistency(results: Iterable[Result]) -> str:
-    """A column for each difficulty and system, a line for each quantity, and the legend; empty without a covariance."""
-    groups = by_difficulty(result for result in results if result.normalized is not None)
-    if not groups:
-        return ""
-    columns = [f"{difficulty} {system}" for difficulty, system in groups]
-    rows = [consistency(_normalized(group)) for group in groups.values()]
-    lines = {
-        "frames": [f"{row['frames']:.0f}" for row in rows],
-        "lane change": [f"{row['lane_change_frames']:.0f}" for row in rows],
-        "other lane": [f"{row['other_lane_frames']:.0f}" for row in rows],
-        "NEES mean/median": [f"{row['nees_mean']:.2f}/{row['nees_median']:.2f}" for row in rows],
-    }
-    for quantity in QUANTITIES:
-        name = quantity.replace("lateral_", "lateral, ").replace("m", " m") if "lateral" in quantity else quantity
-        lines[name] = [describe_z({key: row[f"{quantity}_{key}"] for key in Z_KEYS}) for row in rows]
-    return f"{format_table(columns, lines)}\n{LEGEND}"
-
-
-def consistency_table(path: str | Path) -> str:
-    """The groups of a consistency.csv as a Markdown table: NEES / 4, and the rms of z with its share within 2."""
+def consistency_table(rows: Iterable[Row]) -> str:
+    """The groups of `consistency_rows` as a Markdown table: NEES / 4, and the rms of z with its share within 2."""
     lines = ["| scenes | system | frames | NEES / 4 | " + " | ".join(NUMBERS) + " |", "|---" * (4 + len(NUMBERS)) + "|"]
-    for row in read_scores(path, required="nees_mean"):
+    for row in rows:
         if row["scene"] == total_name(str(row["difficulty"])) and float(row["frames"]):
             cells = [f"{row[f'{name}_z_rms']:.2f} ({row[f'{name}_within_2']:.0%})" for name in NUMBERS]
             stated = f"{row['frames']:.0f} | {row['nees_mean']:.2f}"
@@ -85,12 +63,9 @@ def consistency_table(path: str | Path) -> str:
     return "\n".join(lines)
 
 
-Z_KEYS = ("z_rms", "within_1", "within_2")
-
-
 def describe_z(summary: dict[str, float]) -> str:
     """A `z_summary` as "1.02 68/95": root mean square, percent within 1 and 2; a dash without any z."""
-    rms, within_1, within_2 = (summary[key] for key in Z_KEYS)
+    rms, within_1, within_2 = summary.values()
     return "-" if rms != rms else f"{rms:.2f} {100 * within_1:.0f}/{100 * within_2:.0f}"
 
 

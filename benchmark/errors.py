@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, DriveEstimates, road_points
-from lanes.camera import Camera
 from lanes.detect.confidence import CORRECT_WITHIN_M
 
 # The near part of AHEAD_M, where a driver needs the lane most: from the bonnet to a second ahead in town.
@@ -76,14 +75,6 @@ class LaneTruth:
         """(N, 2, D, 2) points of the lines on the road at AHEAD_M."""
         return road_points(AHEAD_M, self.lines_y_m)
 
-    def in_picture(self, camera: Camera | None) -> np.ndarray:
-        """(N, 2, D) bool: the line at AHEAD_M is inside the picture, hidden or not; all True without a camera."""
-        if camera is None:
-            return np.ones(self.lines_y_m.shape, bool)
-        # A flat road is assumed: bumps and hills hardly change the column of a road point.
-        column = camera.road_to_pixels(self.points_m.reshape(-1, 2))[:, 0].reshape(self.lines_y_m.shape)
-        return (column >= 0) & (column <= camera.width - 1)
-
     def select(self, frames: slice) -> LaneTruth:
         """The truth of some of the frames."""
         return LaneTruth(**{field.name: getattr(self, field.name)[frames] for field in fields(self)})
@@ -116,9 +107,8 @@ class FrameErrors:
     `exists`, `available` and `confident` are bool: a lane exists; the system reports a lane; it reports one with a
     confidence of CONFIDENT or more, or it states no confidence. `lateral_m` (N, D) are the `line_errors` of the worse
     line at AHEAD_M. `near_rms_m` and `full_rms_m` are the root mean square of the `line_errors` of the worse line: over
-    5 to 20 m, and over 5 to 30 m, for which the confidence is defined. `in_picture_rms_m` is `near_rms_m` over the
-    points inside the picture: in a hairpin the inner line leaves it at the side. Offset, heading and curvature are
-    absolute errors.
+    5 to 20 m, and over 5 to 30 m, for which the confidence is defined. Offset, heading and curvature are absolute
+    errors.
     """
 
     exists: np.ndarray
@@ -127,7 +117,6 @@ class FrameErrors:
     lateral_m: np.ndarray
     near_rms_m: np.ndarray
     full_rms_m: np.ndarray
-    in_picture_rms_m: np.ndarray
     offset_m: np.ndarray
     heading_rad: np.ndarray
     curvature_per_m: np.ndarray
@@ -140,33 +129,23 @@ class FrameErrors:
         return self.exists & self.available & (self.near_rms_m <= CORRECT_WITHIN_M)
 
     @property
-    def correct_in_picture(self) -> np.ndarray:
-        """(N,) bool: as `correct`, compared only where the lines are inside the picture."""
-        return self.exists & self.available & ~(self.in_picture_rms_m > CORRECT_WITHIN_M)
-
-    @property
     def confident_and_wrong(self) -> np.ndarray:
         """(N,) bool: the lane is reported with confidence, but not correct."""
         return self.confident & ~self.correct
 
 
-def frame_errors(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None = None) -> FrameErrors:
+def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
     """Errors of the estimates against the truth of the same N frames.
 
-    While the car crosses a line, the estimate is compared with the lanes on both sides, and the nearer one counts. The
-    camera, with its pose, decides which points are inside the picture; without it all are.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of frames differ.
+    While the car crosses a line, the estimate is compared with the lanes on both sides, and the nearer one counts.
+    Raises ValueError if the numbers of frames differ.
     """
     if len(estimates.offset_m) != len(truth.offset_m):
         raise ValueError(
             f"{len(estimates.offset_m)} frames of estimates cannot be compared with {len(truth.offset_m)} frames of "
             "truth; the video and its CSV must belong together."
         )
-    ego, other = (_errors_against(estimates, lane, camera) for lane in (truth, truth.adjacent()))
+    ego, other = (_errors_against(estimates, lane) for lane in (truth, truth.adjacent()))
     swap = np.nan_to_num(other["near_rms_m"], nan=np.inf) < np.nan_to_num(ego["near_rms_m"], nan=np.inf)
     chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in ego.items()}
     confident = estimates.available & ~(estimates.confidence < CONFIDENT)
@@ -196,14 +175,13 @@ def recovery_lengths(correct: np.ndarray) -> list[int]:
     return lengths
 
 
-def _errors_against(estimates: DriveEstimates, truth: LaneTruth, camera: Camera | None) -> dict[str, np.ndarray]:
+def _errors_against(estimates: DriveEstimates, truth: LaneTruth) -> dict[str, np.ndarray]:
     """The errors that depend on which lane counts as the ego lane."""
     error = line_errors(estimates, truth)
     errors = {
         "lateral_m": np.fmax(error[:, 0], error[:, 1]),
         "near_rms_m": worse_rms(error[..., NEAR]),
         "full_rms_m": worse_rms(error),
-        "in_picture_rms_m": worse_rms(np.where(truth.in_picture(camera), error, np.nan)[..., NEAR]),
     }
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)

@@ -116,7 +116,7 @@ def score_systems(
     rows = []
     for (label, (_, every)), estimates in zip(systems.items(), found, strict=True):
         truth = of_all_frames.select(slice(0, len(estimates.offset_m) * every, every))
-        errors = frame_errors(estimates, truth, prepared.camera)
+        errors = frame_errors(estimates, truth)
         # each alone: only systems on the same frames can be compared
         rows += score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors, fps=fps / every)])
     return rows

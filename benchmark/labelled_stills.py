@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,6 +11,7 @@ import numpy as np
 from benchmark.consistency import describe_z, z_summary
 from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera import Camera
+from lanes.console import progress_line
 from lanes.describe import format_table, number_cells
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
@@ -19,7 +20,6 @@ from lanes.images import read_image
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import PoseEstimate, detect_in_drive, ensure_pose
 from lanes.score import PictureScore, lateral_errors_m, reliability, score_picture, summarize
-from lanes.stills import StillDetection
 
 # Distances at which lines are compared.
 COMPARED_AT_M = np.array([8.0, 15.0, 25.0])
@@ -33,50 +33,30 @@ at this picture row and 1.6 px of the label. Cells: root mean square (1 is wante
 Right: every labelled line is matched."""
 
 
-def score_pictures(
-    labels: Sequence[LaneColumns],
-    pictures: Iterable[np.ndarray],
-    camera: Camera,
-    systems: Sequence[str],
-    *,
-    detect: Callable[[np.ndarray], StillDetection],
-    progress: Callable[[int, int], None] | None = None,
-) -> tuple[dict[str, list[PictureScore]], list[StillCheck]]:
-    """Scores of systems on labelled pictures (height, width, 3) uint8, and checks of the lanes that `detect` finds.
+@dataclass(frozen=True, eq=False)
+class ScoredLane:
+    """The lane found for a label, None without one, its score, and its errors.
 
-    Each picture is processed independently. `detect` is tracker and detector; there are no checks without one of them.
-    `progress` is called as progress(pictures done, pictures in total). Raises PictureError if a picture is not of the
-    camera's size.
+    `z` (2, 3) are errors of both lines at COMPARED_AT_M, in standard deviations of the position at a picture row
+    (`row_std_m`), NaN where nothing is compared. `other_lines` is the number of errors above OTHER_LINE_M, which are
+    left out.
     """
-    others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
-    scores: dict[str, list[PictureScore]] = {system: [] for system in systems}
-    checks: list[StillCheck] = []
-    for done, (label, image) in enumerate(zip(labels, pictures, strict=True), 1):
-        camera.require_size(image, label.name)
-        for system, columns_of in others.items():
-            lines = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
-            scores[system].append(score_picture(label, lines, camera.size))
-        if len(others) < len(systems):
-            found = detect(image)
-            check = check_lane(found.lane, label, found.camera) if found.lane else None
-            checks += [check] if check else []
-            score = check.score if check else score_picture(label, None, camera.size)
-            for system in systems:
-                scores[system] += [score] if system not in others else []
-        if progress:
-            progress(done, len(labels))
-    return scores, checks
+
+    score: PictureScore
+    lane: Lane | None
+    z: np.ndarray
+    other_lines: int = 0
 
 
 @dataclass(frozen=True, eq=False)
 class LabelledFolder:
-    """Scores of each system on the labelled stills of one camera, the checks of the detected lanes, and the pose.
+    """Scores of each system on the labelled stills of one camera, the lanes of the engine, and the pose.
 
-    `checks` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
+    `engine` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
     """
 
     scores: dict[str, list[PictureScore]]
-    checks: list[StillCheck]
+    engine: list[ScoredLane]
     estimate: PoseEstimate | None
 
     def describe_pose(self) -> str:
@@ -89,20 +69,30 @@ def score_folder(
     files: Sequence[Path],
     lens: Camera,
     systems: Sequence[str],
-    progress: Callable[[str], Callable[[int, int], None]],
     *,
     markings: Markings | None = None,
 ) -> LabelledFolder:
-    """Scores and checks on the labelled pictures of one camera, whose pose is estimated from them if it has none.
+    """Scores on the labelled pictures of one camera, whose pose is estimated from them if it has none.
 
-    `progress`, called with the name of a part of the work, returns its callback (done, total). Errors are those of
-    `ensure_pose` and `score_pictures`.
+    Each picture is processed independently. Errors are those of `ensure_pose`, and PictureError if a picture is not of
+    the camera's size.
     """
-    camera, estimate = ensure_pose(lens, files, progress=progress("pose"), markings=markings)
-    detect, report = (lambda image: detect_in_drive(image, camera, estimate, markings)[0]), progress("stills")
-    pictures = map(read_image, files)
-    scored = score_pictures(labels, pictures, camera, systems, detect=detect, progress=report)
-    return LabelledFolder(*scored, estimate)
+    camera, estimate = ensure_pose(lens, files, progress=progress_line("pose"), markings=markings)
+    others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
+    scores: dict[str, list[PictureScore]] = {system: [] for system in systems}
+    engine: list[ScoredLane] = []
+    report = progress_line("stills")
+    for done, (label, file) in enumerate(zip(labels, files, strict=True), 1):
+        image = camera.require_size(read_image(file), label.name)
+        for system, columns_of in others.items():
+            lines = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
+            scores[system].append(score_picture(label, lines, camera.size))
+        if len(others) < len(systems):
+            found, _ = detect_in_drive(image, camera, estimate, markings)
+            engine.append(score_lane(found.lane, label, found.camera))
+        report(done, len(labels))
+    of_engine = [one.score for one in engine]
+    return LabelledFolder({s: some if s in others else of_engine for s, some in scores.items()}, engine, estimate)
 
 
 def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[PictureScore]]:
@@ -119,22 +109,10 @@ def describe_labelled(scores: Mapping[str, Sequence[PictureScore]]) -> str:
     return format_table(*number_cells({system: summarize(some) for system, some in scores.items()}))
 
 
-@dataclass(frozen=True, eq=False)
-class StillCheck:
-    """What a lane, detected in a labelled still, states about itself, and its score.
-
-    `z` (2, 3) are errors of both lines at COMPARED_AT_M, in standard deviations of the position at a picture row
-    (`row_std_m`), NaN where nothing is compared. `other_lines` is the number of errors above OTHER_LINE_M, which are
-    left out.
-    """
-
-    z: np.ndarray
-    other_lines: int
-    score: PictureScore
-
-
-def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
-    """The check of a lane that is detected in a single picture."""
+def score_lane(lane: Lane | None, label: LaneColumns, camera: Camera) -> ScoredLane:
+    """The score of a lane that is detected in a single picture by `camera`, whose pose it has."""
+    if lane is None:
+        return ScoredLane(score_picture(label, None, camera.size), None, np.full((2, len(COMPARED_AT_M)), np.nan))
     found = LaneColumns(label.name, label.rows, lane.columns(camera, label.rows), EGO_SIDES, lane.confidence)
     error_m = lateral_errors_m(label.ego_lane(camera.size), found, camera, COMPARED_AT_M)
     other = np.abs(error_m) > OTHER_LINE_M
@@ -142,7 +120,7 @@ def check_lane(lane: Lane, label: LaneColumns, camera: Camera) -> StillCheck:
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
     row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
     score = score_picture(label, found, camera.size)
-    return StillCheck(error_m / np.hypot(row_std, label_std_m), int(other.sum()), score)
+    return ScoredLane(score, lane, error_m / np.hypot(row_std, label_std_m), int(other.sum()))
 
 
 def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
@@ -155,34 +133,33 @@ def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
     return propagated_std(gradients, lane.covariance)
 
 
-def describe_checks(checks: Sequence[StillCheck]) -> str:
+def describe_lanes(scored: Sequence[ScoredLane]) -> str:
     """Tables of z at each distance, and of the right lanes by confidence."""
     rows = {}
-    for distance_m, z, cell in zip(COMPARED_AT_M, np.moveaxis(all_z(checks), 2, 0), _z_cells(checks), strict=True):
+    for distance_m, z, cell in zip(COMPARED_AT_M, np.moveaxis(all_z(scored), 2, 0), _z_cells(scored), strict=True):
         rows[f"lateral, {distance_m:.0f} m"] = [f"{np.isfinite(z).sum()}", cell]
-    stated = reliability(check.score for check in checks)
     return (
         f"{format_table(('compared', 'z'), rows)}\n"
-        f"left out, error above {OTHER_LINE_M:g} m: {sum(check.other_lines for check in checks)}\n"
-        f"{format_table(*number_cells(stated))}\n{LEGEND}"
+        f"left out, error above {OTHER_LINE_M:g} m: {sum(one.other_lines for one in scored)}\n"
+        f"{format_table(*number_cells(reliability(one.score for one in scored)))}\n{LEGEND}"
     )
 
 
-def summarize_checks(checks: Sequence[StillCheck]) -> str:
+def summarize_lanes(scored: Sequence[ScoredLane]) -> str:
     """The same in one line."""
-    sure = reliability(check.score for check in checks)["0.9 or more"]
+    sure = reliability(one.score for one in scored)["0.9 or more"]
     at = "/".join(f"{x:.0f}" for x in COMPARED_AT_M)
     return (
-        f"z at {at} m: {', '.join(_z_cells(checks))}; 0.9 or more: {sure['right']} of {sure['lanes']} right, "
+        f"z at {at} m: {', '.join(_z_cells(scored))}; 0.9 or more: {sure['right']} of {sure['lanes']} right, "
         f"{sure['of right lanes']:.0%} of the right lanes"
     )
 
 
-def all_z(checks: Sequence[StillCheck]) -> np.ndarray:
+def all_z(scored: Sequence[ScoredLane]) -> np.ndarray:
     """(N, 2, 3) z of N stills."""
-    return np.array([check.z for check in checks]).reshape(-1, 2, len(COMPARED_AT_M))
+    return np.array([one.z for one in scored]).reshape(-1, 2, len(COMPARED_AT_M))
 
 
-def _z_cells(checks: Sequence[StillCheck]) -> list[str]:
+def _z_cells(scored: Sequence[ScoredLane]) -> list[str]:
     """Summaries of z in words, for each distance."""
-    return [describe_z(z_summary(some[np.isfinite(some)])) for some in np.moveaxis(all_z(checks), 2, 0)]
+    return [describe_z(z_summary(some[np.isfinite(some)])) for some in np.moveaxis(all_z(scored), 2, 0)]

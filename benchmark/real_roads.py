@@ -20,16 +20,15 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmark.labelled_stills import check_lane
+from benchmark.labelled_stills import ScoredLane, score_lane
 from lanes.camera import Camera, load_camera
 from lanes.console import bounded
-from lanes.detect.lane import Lane
 from lanes.drive import make_tracker, track_frames
 from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
-from lanes.score import PictureScore, reliability, score_picture
+from lanes.score import reliability
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.process import read_frames
@@ -40,15 +39,6 @@ from simulator.processes import run_all
 OWN, SET, CLIPS = WAYS = ("own", "set", "clips")
 # Sets whose stills are of several cameras, so that they have no common pose.
 SEVERAL_CAMERAS = ("bdd_stills", "evo_drops", "ets2")
-
-
-@dataclass(frozen=True, eq=False)
-class ScoredLane:
-    """The lane found for a label, None without one, its score, and its error in standard deviations (`check_lane`)."""
-
-    score: PictureScore
-    lane: Lane | None
-    z: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +112,7 @@ def _score_stills(
         if image.shape[1::-1] == camera.size:
             found, _ = detect_in_drive(image, camera, pose, settings=settings.detector)
             lane, found_with = found.lane, found.camera
-        scores.append(_score(label, lane, found_with))
+        scores.append(score_lane(lane, label, found_with))
     return scores
 
 
@@ -144,7 +134,7 @@ def _score_clips(roads: RoadSet, settings: TrackerSettings) -> list[ScoredLane]:
         with closing(read_frames(clip, info)) as frames:
             for number, (_, lane) in enumerate(track_frames(frames, tracker)):
                 if label := labels.pop(number, None):
-                    scores.append(_score(_at_size(roads.folder, label, tracker.camera.size), lane, tracker.camera))
+                    scores.append(score_lane(lane, _at_size(roads.folder, label, tracker.camera.size), tracker.camera))
                 if not labels:
                     break
     return scores
@@ -155,13 +145,6 @@ def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneCol
     height, width = read_image(folder / label.name).shape[:2]
     columns = np.where(label.columns >= 0, label.columns * size[0] / width, label.columns)
     return replace(label, columns=columns, rows=label.rows * size[1] / height)
-
-
-def _score(label: LaneColumns, lane: Lane | None, camera: Camera) -> ScoredLane:
-    if lane is None:
-        return ScoredLane(score_picture(label, None, camera.size), None, np.full((2, 3), np.nan))
-    check = check_lane(lane, label, camera)
-    return ScoredLane(check.score, lane, check.z)
 
 
 def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]) -> str:

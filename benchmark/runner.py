@@ -89,7 +89,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
     drive = prepared.drive
     truth = read_truth(drive)
     try:
-        errors = frame_errors(estimates, truth, prepared.camera)
+        errors = frame_errors(estimates, truth)
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
     normalized = normalize_errors(estimates, truth)

@@ -150,7 +150,6 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     losses = [length for drive in drives for length in recovery_lengths(drive.correct[drive.exists])]
     measured = {f"lateral_{x:.0f}m": lateral[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
     measured["lateral_5_20m"] = _joined([drive.near_rms_m for drive in drives])
-    measured["lateral_5_20m_in_picture"] = _joined([drive.in_picture_rms_m for drive in drives])
     units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
     measured |= {
         name: _joined([getattr(d, f"{name}_{units[name]}") for d in drives]) for name in units.keys() - measured
@@ -160,7 +159,6 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
         "lane_frames": float(exists.sum()),
         "available_share": _share(available[exists]),
         "accuracy": _share(correct[exists]),
-        "accuracy_in_picture": _share(_joined([drive.correct_in_picture for drive in drives])[exists]),
         "confident_and_wrong_share": _share(_joined([drive.confident_and_wrong for drive in drives])),
     }
     for name, unit in units.items():

@@ -13,7 +13,7 @@ error and NEES / 4.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -119,7 +119,7 @@ def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None
     mechanism, drive = task
     estimates = run_system(drive, TRACKER, end_s=end_s, settings=mechanism.settings())
     truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
-    return Measurement(frame_errors(estimates, truth, drive.camera), normalize_errors(estimates, truth))
+    return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
 
 
 def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Measurement]) -> str:
@@ -139,27 +139,23 @@ def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Mea
     return f"| {mechanism.name} | {mechanism.description} | {numbers} | {time_off / time_on:.2f} |"
 
 
-def real_cells(on: Sequence[ScoredLane], off: Sequence[ScoredLane]) -> str:
-    """Two cells of a table: label points (off minus on) and right images (on -> off) of one way to look at roads."""
-    points_on, points_off = (
-        np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in some])) for some in (on, off)
-    )
-    right_on, right_off = (sum(bool(s.score.right) for s in some) for some in (on, off))
-    return f"{100 * (points_off - points_on):+.1f} | {right_on} -> {right_off} of {len(on)}"
+def real_row(mechanism: Mechanism, off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) -> str:
+    """A row of the table of real roads: label points (off minus on) and right images, for each way to look at them."""
+    cells = []
+    for some_off, some_on in zip(off, on, strict=True):
+        points = [
+            np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in some])) for some in (some_off, some_on)
+        ]
+        right_off, right_on = (sum(bool(s.score.right) for s in some) for some in (some_off, some_on))
+        cells.append(f"{100 * (points[0] - points[1]):+.1f} | {right_on} -> {right_off} of {len(some_on)}")
+    return f"| {mechanism.name} | {mechanism.description} | {' | '.join(cells)} |"
 
 
-def real_rows(sets: Sequence[RoadSet], mechanisms: Sequence[Mechanism], *, workers: int) -> Iterator[str]:
-    """The rows of the table of real roads."""
+def score_roads(mechanism: Mechanism, sets: Sequence[RoadSet], *, workers: int) -> list[list[ScoredLane]]:
+    """The lanes of all sets in each of the `WAYS`, without a mechanism."""
     tasks = [(roads, way) for way in WAYS for roads in sets]
-    all_on: dict[str, list[ScoredLane]] = {}
-    for mechanism in (ALL_ON, *mechanisms):
-        found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
-        off = {
-            way: [one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS
-        }
-        all_on = all_on or off
-        cells = " | ".join(real_cells(all_on[way], off[way]) for way in WAYS)
-        yield f"| {mechanism.name} | {mechanism.description} | {cells} |"
+    found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
+    return [[one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS]
 
 
 def prepare(drive: BenchmarkDrive) -> PreparedDrive:
@@ -191,23 +187,20 @@ def main() -> None:
     add_arguments(parser)
     options = parser.parse_args()
     if options.real:
-        chosen = [m for m in MECHANISMS if options.only in (None, m.name)]
         print("| switched off | what it does | own pose, points | right | pose of the set | right | clips | right |")
         print("|---|---|---|---|---|---|---|---|")
         sets = [roads for roads in read_road_sets(options.real) if roads.half in options.half]
-        for row in real_rows(sets, chosen, workers=options.workers):
-            print(row, flush=True)
-        return
-    run = partial(run_all, workers=options.workers)
-    drives = run(prepare, choose_drives(options.scenes, seed=options.seed), progress=progress_line("scenes"))
-    print("| switched off | what it does | accuracy | off minus on, points | 95 % error | NEES / 4 | time |")
-    print("|---|---|---|---|---|---|---|")
-    all_on: list[Measurement] = []
+        look, row = partial(score_roads, sets=sets, workers=options.workers), real_row
+    else:
+        run = partial(run_all, workers=options.workers)
+        drives = run(prepare, choose_drives(options.scenes, seed=options.seed), progress=progress_line("scenes"))
+        print("| switched off | what it does | accuracy | off minus on, points | 95 % error | NEES / 4 | time |")
+        print("|---|---|---|---|---|---|---|")
+        look, row = (lambda mechanism: run(measure, [(mechanism, drive) for drive in drives])), table_row
+    on = look(ALL_ON)
     for mechanism in (ALL_ON, *MECHANISMS):
         if mechanism is ALL_ON or options.only in (None, mechanism.name):
-            off = run(measure, [(mechanism, drive) for drive in drives])
-            all_on = all_on or off
-            print(table_row(mechanism, off, all_on), flush=True)
+            print(row(mechanism, on if mechanism is ALL_ON else look(mechanism), on), flush=True)
 
 
 if __name__ == "__main__":

@@ -31,14 +31,13 @@ from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
+from simulator.not_roads import KINDS, not_a_road
+from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_row
-from tests.support.not_roads import KINDS, not_a_road
-from tests.support.painted_drive import CAMERA, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
-from tests.support.painted_roads import DASH_M
-from tests.support.photos import find_with_own_pose, flat_scenes, right_in_picture, take_photo
+from tools.photos import find_with_own_pose, flat_scenes, right_in_picture, take_photo
 
 # Painted drives with the right and with a wrong pose; every fourth frame is also detected without the tracker.
 RIGHT_POSES, WRONG_POSES, SECONDS, FPS, STILL_EVERY = range(4100, 4116), range(4000, 4020), 1.6, 12.5, 4

@@ -6,7 +6,7 @@ is worn off or hidden there are labelled as paint near visible paint of the same
 connect it; Botts' dots stand for the dashes that they replace. In a part of the pictures the outer line of the lane is
 replaced by the edge of the pavement: a kerb, gravel, grass or a barrier. Joints beside the lines and pale streaks along
 the road are added, which are no paint. The picture is then reduced, exposed, blurred or sharpened, and compressed at
-random, and its bird's-eye view has a small pose error. Pictures without a road are added (`tests.support.not_roads`).
+random, and its bird's-eye view has a small pose error. Pictures without a road are added (`simulator.not_roads`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import NETWORK, finer_view
 from lanes.detect.paint import lightness, yellowness
 from lanes.errors import CameraError
+from simulator.not_roads import KINDS, not_a_road
 from simulator.objects.scene_objects import PlacedWall
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
@@ -30,7 +31,6 @@ from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
 from simulator.scenes.suite import SUITE
 from simulator.scenes.variants import vary_drive
-from tests.support.not_roads import KINDS, not_a_road
 
 # Pictures of one variant of a scene, which share its landscape: painting it takes longer than a picture. Numbers of the
 # variants: the benchmark's are smaller.

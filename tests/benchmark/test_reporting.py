@@ -32,23 +32,6 @@ class TestTables:
         assert scene == "fog (hard, 100 frames)"
         assert " ".join(line.split()) == "tracker - 50.0 25.0 - 12/12 12/12 12/12 12/12 0.1/0.1 0.1/0.1 0/12 9.0"
 
-    def test_markdown_table_shows_every_system_and_the_best_in_bold(self, tmp_path):
-        rows = [
-            row("bridge", "hls_sobel", accuracy=0.9),
-            row("bridge", "tracker", accuracy=0.8),
-            row("hairpin", "hls_sobel", accuracy=0.0, lateral_5_20m_p95_m=np.nan),
-            row("hairpin", "tracker", accuracy=0.4, lateral_5_20m_p95_m=2.5),
-            row("desert", "hls_sobel", accuracy=np.nan, confident_and_wrong_share=1.0),
-            row("desert", "tracker", accuracy=np.nan, confident_and_wrong_share=0.0),
-        ]
-        assert results_table(write_telemetry(tmp_path / "benchmark.csv", rows)).splitlines() == [
-            "| scene | difficulty | hls_sobel | tracker |",
-            "|---|---|---|---|",
-            "| bridge | hard | **90.0%, 0.12 m** | 80.0%, 0.12 m |",
-            "| hairpin | hard | 0.0%, lost | **40.0%, 2.50 m** |",
-            "| desert | hard | 100.0% false | **0.0% false** |",
-        ]
-
     def test_groups_show_the_interval_and_all_that_are_not_significantly_worse_are_bold(self):
         numbers = {"accuracy_low": 0.4321, "accuracy_high": 0.9}
         rows = [
@@ -66,22 +49,30 @@ class TestTables:
         accuracies = [line.split()[2] for line in describe_scores(rows).splitlines() if line.startswith("  ")][2:]
         assert accuracies == ["90.0*", "80.0*", "70.0", "50.0", "60.0*", "59.0*"]
 
-    def test_without_marks_of_all_systems_the_highest_accuracy_is_bold(self):
-        """The row of a finder that was scored alone, next to rows of the benchmark."""
-        rows = [row("bridge", "a", accuracy=0.8, among_best=1.0), row("bridge", "own", accuracy=0.9, among_best=np.nan)]
-        assert markdown_table(rows).splitlines()[-1] == "| bridge | hard | 80.0%, 0.12 m | **90.0%, 0.12 m** |"
-
-    def test_intervals_are_rounded_outwards(self):
-        assert describe_interval(0.931, 0.989) == "(93-99)"
-        assert describe_interval(0.93, 1.0) == "(93-100)"
-        assert describe_interval(0.0, 0.0004) == "(0-1)"
-
-    def test_other_files_are_refused(self, tmp_path):
+    def test_a_file_becomes_a_table_and_others_are_refused(self, tmp_path):
+        """Without marks of all systems, as of a finder that was scored alone, the highest accuracy is bold."""
+        rows = [
+            row("hairpin", "hls_sobel", accuracy=0.0, lateral_5_20m_p95_m=np.nan, among_best=1.0),
+            row("hairpin", "own", accuracy=0.4, lateral_5_20m_p95_m=2.5, among_best=np.nan),
+            row("desert", "hls_sobel", accuracy=np.nan, confident_and_wrong_share=1.0, among_best=1.0),
+            row("desert", "own", accuracy=np.nan, confident_and_wrong_share=0.0, among_best=np.nan),
+        ]
+        assert results_table(write_telemetry(tmp_path / "benchmark.csv", rows)).splitlines() == [
+            "| scene | difficulty | hls_sobel | own |",
+            "|---|---|---|---|",
+            "| hairpin | hard | 0.0%, lost | **40.0%, 2.50 m** |",
+            "| desert | hard | 100.0% false | **0.0% false** |",
+        ]
         with pytest.raises(FileNotFoundError, match=r"none.csv: there is no such table"):
             results_table(tmp_path / "none.csv")
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
         with pytest.raises(ValueError, match=r"other.csv: is not a table of the benchmark"):
             results_table(tmp_path / "other.csv")
+
+    def test_intervals_are_rounded_outwards(self):
+        assert describe_interval(0.931, 0.989) == "(93-99)"
+        assert describe_interval(0.93, 1.0) == "(93-100)"
+        assert describe_interval(0.0, 0.0004) == "(0-1)"
 
 
 def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:

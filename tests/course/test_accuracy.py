@@ -70,11 +70,6 @@ def test_without_truth_and_labels_methods_are_compared(labelled):
     assert "no still" in accuracy_table({"a": [straight_lane(0)], "b": [None]}, labelled, CAMERA)
 
 
-def test_two_lines_are_polynomials_in_metres():
-    lines = TwoLines((0.001, 0.02, 1.8), (0.001, 0.02, -1.8))
-    assert lines.lateral_m(np.array([0.0, 10.0])) == pytest.approx(np.array([[1.8, 2.1], [-1.8, -1.5]]))
-
-
 def test_finders_are_scored_by_their_names():
     calls = []
     finders = {"nothing": lambda image, camera: calls.append(camera), "engine": "detector"}

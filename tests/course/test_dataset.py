@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from course.dataset import DatasetError, open_dataset
-from course.measures import check
 from lanes.images import write_image
 
 
@@ -68,15 +67,6 @@ def test_a_damaged_truth_file_is_named(folder, text):
     for ask in (data.true_camera, lambda: data.true_lane(data.still("test2"))):
         with pytest.raises(DatasetError, match=r"truth\.json: is not a truth file of pictures"):
             ask()
-
-
-def test_check_words_the_difference_and_fails_when_it_is_too_large():
-    said = check("offset", 0.12, 0.10, "m", within=0.05)
-    assert said == "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)"
-    for wrong, words in ((0.40, "off by 0.30 m"), (float("nan"), "nan")):
-        with pytest.raises(AssertionError, match=words):
-            check("offset", wrong, 0.10, "m", within=0.05)
-    assert "no truth" in check("offset", 0.40, None, "m", within=0.05)
 
 
 def test_line_columns_come_from_the_truth_else_from_the_labels(folder):

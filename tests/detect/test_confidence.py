@@ -11,11 +11,11 @@ from lanes.detect.confidence import WEIGHTS, lane_features
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CURVATURE
 from lanes.stills import find_lane
-from tests.support.not_roads import KINDS, not_a_road
+from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
-from tests.support.photos import find_with_own_pose
 from tests.support.shapes import a_lane
 from tools.fit_confidence import logistic, samples_of_painted_drive
+from tools.photos import find_with_own_pose
 
 
 def lane_with() -> Lane:

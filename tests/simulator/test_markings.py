@@ -9,7 +9,7 @@ import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.markings import WHITE, Marking, Symbol, paint_coverage, paint_markings, symbol_coverage
+from simulator.road.markings import WHITE, Marking, paint_coverage, paint_markings
 from simulator.road.road_ahead import RoadAhead
 from simulator.scenes.dashcam import DASHCAM
 from tests.simulator.small_drive import POSE, SMALL
@@ -51,36 +51,12 @@ def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, f
     return [(float(np.average(d[run], weights=paint[run])), float((paint * step)[run].sum())) for run in runs]
 
 
-@pytest.mark.parametrize(("width_m", "gap_m"), [(0.12, 0.10), (0.10, 0.20)])
-@pytest.mark.parametrize("x_m", [7.0, 14.0])
+@pytest.mark.parametrize(("width_m", "gap_m", "x_m"), [(0.12, 0.10, 7.0), (0.10, 0.20, 14.0)])
 def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_m, gap_m, x_m):
     (left, left_width), (right, right_width) = stripes_at((Marking(1.8, width_m, double_gap_m=gap_m, wear=0.0),), x_m)
     assert (left_width, right_width) == pytest.approx((width_m, width_m), rel=0.03)
     assert left - right - width_m == pytest.approx(gap_m, abs=0.004)
     assert (left + right) / 2 == pytest.approx(1.8, abs=0.003)
-
-
-def test_solid_and_broken_marking_next_to_each_other():
-    """The right line has a dash from 6 m to 9.05 m ahead, then a gap of 9.15 m; the left line is solid."""
-    solid, broken = Marking(1.91, wear=0.0), Marking(1.69, dashed=True, phase_m=56.0, wear=0.0)
-    near, far = (stripes_at((solid, broken), x_m) for x_m in (7.5, 13.0))
-    assert np.array(near) == pytest.approx(np.array([[1.91, 0.12], [1.69, 0.12]]), abs=0.003)
-    assert [d for d, _ in far] == pytest.approx([1.91], abs=0.003)
-    # Both stripes of one double marking are broken together.
-    both = (Marking(1.8, dashed=True, phase_m=56.0, double_gap_m=0.1, wear=0.0),)
-    assert len(stripes_at(both, 7.5)) == 2 and stripes_at(both, 13.0) == []
-
-
-def test_symbol_has_the_right_area_and_position():
-    """The area of a diamond of 3.7 m by 1 m with a stroke of 24 % of its half width is known."""
-    road, pose = RoadGeometry([0.0, 200.0], [1 / 150, 1 / 150]), VehiclePose(50.0, 0.3)
-    ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
-    pixels, coverage = symbol_coverage(Symbol(58.0, -0.4, "diamond", 3.7, 1.0), ground, station_m=50.0)
-    s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
-    area = np.abs(ground.s_u * ground.d_v - ground.s_v * ground.d_u).ravel()[pixels]
-    assert (coverage * area).sum() == pytest.approx(0.5 * 3.7 * (1 - (1 - 2 * 0.24) ** 2), rel=0.04)
-    assert np.average(s, weights=coverage * area) == pytest.approx(58.0 - 50.0 + 3.7 / 2, abs=0.05)
-    assert np.average(d, weights=coverage * area) == pytest.approx(-0.4, abs=0.02)
 
 
 def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():

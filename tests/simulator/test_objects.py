@@ -8,89 +8,16 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
-from simulator.objects.bonnet import bonnet_outline, paint_bonnet
-from simulator.objects.object_painter import paint_objects
-from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post, Tree, objects_in_view
+from simulator.objects.scene_objects import Car, PlacedObject, Post, Tree
 from simulator.objects.shadows import shadow_polygons
 from simulator.objects.vehicles import footprint, outline_points
-from simulator.objects.walls import Wall
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
 from simulator.road.surface import Zone
 from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_entry, truth_row
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
 from tests.simulator.small_drive import POSE, small_drive
-
-SUN = np.array([-0.3, -0.5, 0.8]) / np.linalg.norm([-0.3, -0.5, 0.8])
-
-
-def camera(*, distortion=(-0.24, -0.02, -0.001, 0.0003, -0.012), yaw=0.0, roll=0.0) -> Camera:
-    matrix = np.array([[580.0, 0, 319.5], [0, 578.0, 190.0], [0, 0, 1]])
-    return Camera(640, 360, matrix, np.array(distortion), CameraPose(1.3, np.radians(-1.5), yaw, roll))
-
-
-EMPTY = np.full((360, 640, 3), 0.3, np.float32)
-
-
-def draw(objects, lens=None, sun=SUN, haze=0.0) -> np.ndarray:
-    image = EMPTY.copy()
-    paint_objects(image, lens or camera(), objects, sun_direction=sun, haze=haze)
-    return image
-
-
-def changed(objects, lens=None) -> np.ndarray:
-    return np.abs(draw(objects, lens) - EMPTY).max(axis=2) > 0.02
-
-
-def straight_wall(y: float, kind: str, side: int) -> Wall:
-    x = np.arange(-4.0, 150.0)
-    return Wall(np.column_stack([x, np.full(len(x), y)]), kind, side)
-
-
-@pytest.mark.parametrize(("x", "y"), [(12.0, -3.2), (25.0, 2.5), (45.0, -1.0)])
-def test_car_fills_its_projected_box(x, y):
-    lens = camera(yaw=0.02, roll=0.01)
-    rows, columns = np.nonzero(changed([Car(x, y, 0.0, "white")], lens))
-    corners = np.array([[x + i, y + j, k] for i in (-2.42, 2.42) for j in (-0.92, 0.92) for k in (0.0, 1.46)])
-    box = lens.road_to_pixels(corners)
-    # Mirrors stick out of the box by 0.2 m, the contact shadow is soft, and edges are soft by a pixel.
-    metre_px = 580 / (x - 2.4)
-    assert columns.min() == pytest.approx(box[:, 0].min(), abs=3 + 0.2 * metre_px)
-    assert columns.max() == pytest.approx(box[:, 0].max(), abs=3 + 0.2 * metre_px)
-    assert rows.max() == pytest.approx(box[:, 1].max(), abs=3 + 0.12 * metre_px)
-    assert box[:, 1].min() - 2 <= rows.min() <= box[:, 1].min() + 0.2 * (rows.max() - rows.min())
-
-
-def test_wall_stands_between_its_lines():
-    lens = camera()
-    s = np.arange(2.0, 100, 1.0)
-    mask = changed([Wall(np.column_stack([s, 3.0 + s**2 / 1600]), "jersey", 1)], lens)
-    # Middle of the traffic face: half way up, 0.1 m behind the foot.
-    x = np.array([8.0, 15.0, 30.0])
-    face = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 + 0.1, np.full(3, 0.4)]))
-    foot = lens.road_to_pixels(np.column_stack([x, 3.0 + x**2 / 1600 - 0.25, np.zeros(3)]))
-    for points, painted in ((face, True), (foot, False)):
-        u, v = np.round(points).astype(int).T
-        assert (mask[v, u] == painted).all()
-
-
-def test_parts_behind_the_camera_are_clipped():
-    beside = changed([Car(3.5, -2.6, 0.0, "white")])
-    assert beside[:, 560:].any() and not beside[:, :400].any()
-    assert not changed([Car(-6.0, 0.0), Tree(-3.0, 1.0, 8.0), Post(0.1, 0.0)]).any()
-
-
-def test_near_objects_hide_far_ones_in_any_order():
-    near, far = Car(12.0, 0.0, 0.0, "white"), Car(30.0, 0.0, 0.0, "red", "suv")
-    one, other = draw([near, far]), draw([far, near])
-    np.testing.assert_array_equal(one, other)
-    u, v = np.round(camera().road_to_pixels(np.array([[10.0, 0.0, 0.8]]))[0]).astype(int)
-    window = slice(v - 3, v + 3), slice(u - 3, u + 3)
-    np.testing.assert_allclose(one[window], draw([near])[window], atol=1e-6)
-    assert np.abs(draw([far])[window] - one[window]).max() > 0.05
 
 
 def test_shadows_fall_away_from_the_sun():
@@ -103,32 +30,6 @@ def test_shadows_fall_away_from_the_sun():
     assert tree[:, 0].min() < 30 - 5 and tree[:, 0].mean() < 28
     post = shadow_polygons([Post(10.0, 0.0, 4.0)], np.array([0.0, 0.6, 0.8]))[0]
     assert post[:, 1].min() == pytest.approx(-3.0, abs=0.1)
-
-
-def test_kerb_follows_the_road():
-    road, pose, lens = RoadGeometry([0.0, 400.0], [1 / 200, 1 / 200]), VehiclePose(100.0, 0.3, 0.01), camera()
-    kerb = objects_in_view((PlacedWall(-4.0, "kerb"),), road, pose, time_s=0.0)
-    mask = changed(kerb, lens)
-    s = pose.s_m + np.array([10.0, 15.0, 25.0])
-    for lateral, height, painted in ((-4.01, 0.06, True), (-4.12, 0.14, True), (-3.8, 0.0, False), (-4.8, 0.14, False)):
-        place = pose.to_car(road, offset_point(road, s, lateral))
-        u, v = np.round(lens.road_to_pixels(np.column_stack([place, np.full(3, height)]))).astype(int).T
-        assert (mask[v, u] == painted).all()
-
-
-def test_bonnet_hides_the_bottom_edge_only_and_is_soft():
-    before = np.full((720, 1280, 3), 0.5, np.float32)
-
-    after, edge = before.copy(), bonnet_outline((1280, 720))
-    paint_bonnet(after)
-    assert edge.shape == (1280,) and edge.min() > 650 and edge.max() < 692
-    np.testing.assert_array_equal(after[:640], before[:640])
-    assert after[700:].mean() < 0.3 and after[700:, :, 0].mean() > after[700:, :, 2].mean()
-    steps = np.abs(np.diff(after.mean(axis=2), axis=0)).max(axis=0)
-    assert np.median(steps) < 0.2, "the edge is a ramp, not a step"
-
-
-PATH = ((0.0, -LANE_WIDTH_M), (2.0, 0.2), (3.0, 0.2), (5.0, -LANE_WIDTH_M))
 
 
 def bend_drive(*objects: PlacedObject) -> Drive:
@@ -174,12 +75,3 @@ def test_vehicle_hides_exactly_the_part_of_the_line_behind_it(body, s_m, lateral
     if body != "motorcycle":
         assert lost[inside].all()
     assert inside.sum() >= 2 and lost[inside].sum() >= 2
-
-
-def test_lateral_path_passes_its_knots_and_sets_the_heading():
-    car = PlacedObject(20.0, 0.0, Car(0, 0), 25.0, PATH)
-    np.testing.assert_allclose([car.lateral_at(t) for t, _ in PATH], [d for _, d in PATH], atol=1e-12)
-    assert car.lateral_at(-1.0) == PATH[0][1] and car.lateral_at(9.0) == PATH[-1][1]
-    # The slope of a smooth step at its middle is 1.5 times its mean.
-    assert car.path_heading_rad(1.0) == pytest.approx(np.arctan(1.5 * (0.2 + LANE_WIDTH_M) / 2.0 / 25.0), rel=1e-3)
-    assert car.path_heading_rad(2.5) == 0 and car.path_heading_rad(4.0) < 0

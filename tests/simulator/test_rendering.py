@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import multiprocessing
-import re
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -21,8 +19,7 @@ from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_FPS, write_video
 from simulator.road.truth import truth_row
 from simulator.scenes.stills import still_scenes
-from tests.simulator.small_drive import POSE, SMALL, TINY, small_drive
-from tests.support.command_line import main
+from tests.simulator.small_drive import POSE, TINY, small_drive
 
 
 def test_committed_still_is_rendered_again():
@@ -55,29 +52,12 @@ def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
     assert nearest == list(range(7))
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_interrupted_video_leaves_no_files(tmp_path, workers):
+def test_interrupted_video_leaves_no_files(tmp_path):
     def interrupt(done: int, total: int) -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        options = {"seconds": 0.2, "workers": workers, "progress": interrupt}
+        options = {"seconds": 0.2, "workers": 2, "progress": interrupt}
         write_video(tmp_path / "a.mp4", drive=small_drive(camera=TINY), **options)
     assert list(tmp_path.iterdir()) == []
     assert multiprocessing.active_children() == []
-
-
-def test_message_names_an_unwritable_folder(tmp_path, capsys):
-    (tmp_path / "file").write_text("in the way")
-    assert main(["simulator", "--out", str(tmp_path / "file")]) == 1
-    assert re.search(r"file: cannot be written .*; choose another folder", capsys.readouterr().err)
-
-
-def test_bridge_shades_only_the_road_below_it():
-    drive = small_drive(0.0, motion=Motion(100.0))
-    shaded = replace(drive, shades=(BridgeShade(110.0, 120.0),))
-    ratio = render_frame(shaded).image.astype(float) / np.maximum(render_frame(drive).image, 1)
-    under, before, beyond = SMALL.road_to_pixels(np.array([[15.0, 0.5], [7.0, 0.5], [30.0, 0.5]])).round().astype(int)
-    assert ratio[under[1], under[0]].max() < 0.6
-    assert ratio[before[1], before[0]].min() > 0.9
-    assert ratio[beyond[1], beyond[0]].min() > 0.9

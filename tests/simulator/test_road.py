@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 
-from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.geometry import (
@@ -63,10 +60,7 @@ def test_polynomial_touches_the_line_to_third_order(lateral_m):
     ("road", "pose", "ahead_m", "lateral_m", "within_m"),
     [
         (S_BEND, VehiclePose(60.0, 0.4, -0.05), (0, 120), (-15, 15), 1e-3),
-        (S_BEND, VehiclePose(140.0, -1.5, 0.05), (0, 120), (-15, 15), 1e-3),
         (HAIRPINS, VehiclePose(20.0, 0.4, -0.02), (-5, 70), (-3, 6), 4e-3),
-        (HAIRPINS, VehiclePose(60.0, -0.3, -0.07), (-5, 70), (-3, 6), 4e-3),
-        (HAIRPINS, VehiclePose(112.0), (-5, 70), (-3, 6), 4e-3),
         (HAIRPINS, VehiclePose(150.0, 0.2, 0.1), (-5, 70), (-3, 6), 4e-3),
     ],
 )
@@ -79,8 +73,9 @@ def test_points_get_their_road_coordinates(road, pose, ahead_m, lateral_m, withi
     np.testing.assert_allclose(got_s, s, atol=2.5 * within_m)
 
 
-@pytest.mark.parametrize("profile", [HILLY, HeightProfile([0.0, 80.0, 100.0], [0.0, 0.0, 0.12])])
-@pytest.mark.parametrize("s_m", [45.0, 70.0, 84.0])
+@pytest.mark.parametrize(
+    ("profile", "s_m"), [(HILLY, 45.0), (HILLY, 84.0), (HeightProfile([0.0, 80.0, 100.0], [0.0, 0.0, 0.12]), 70.0)]
+)
 def test_rays_end_at_their_first_intersection_with_the_ground(profile, s_m):
     road = RoadGeometry([0.0, 100.0], [1 / 90, 1 / 90], profile)
     ahead = RoadAhead(road, VehiclePose(s_m, 0.3, 0.01))
@@ -130,10 +125,8 @@ def painted_drive(road: RoadGeometry, start_m: float, **changes) -> Drive:
 @pytest.mark.parametrize(
     ("road", "start_m"),
     [
-        (HAIRPINS, 22.0),
         (HAIRPINS, 112.0),
         (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 30.0),
-        (RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY), 105.0),
     ],
 )
 def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
@@ -155,17 +148,3 @@ def test_truth_lies_on_the_paint_in_hairpins_and_on_crests(road, start_m):
         off += list(from_paint[rows, columns])
     assert len(off) > 60
     assert np.quantile(off, 0.97) <= 1.0 and max(off) < 2.5
-
-
-def test_crest_hides_objects_behind_it():
-    road = RoadGeometry([0.0, 200.0], [0.0, 0.0], HeightProfile([0.0, 40.0, 60.0], [0.08, 0.08, -0.10]))
-    ahead = RoadAhead(road, VehiclePose(20.0))
-    crest_distance_m = ahead.crest_distance_m(SMALL.pose.height_m)
-    assert 25 < crest_distance_m < 45
-    even = RoadAhead(replace(road, profile=HeightProfile([0.0], [0.05])), VehiclePose(20.0))
-    assert even.crest_distance_m(1.3) == np.inf
-    bare = render_frame(painted_drive(road, 20.0)).image
-    for s_m, changes in ((20.0 + 0.7 * crest_distance_m, True), (20.0 + crest_distance_m + 45.0, False)):
-        item = PlacedObject(s_m, 0.4, Car(0, 0, 0.0, "red"))
-        picture = render_frame(painted_drive(road, 20.0, objects=(item,))).image
-        assert (np.abs(picture.astype(int) - bare).max() > 60) == changes

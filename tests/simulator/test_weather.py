@@ -6,20 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, RoadLight
-from simulator.light.sunlight import Sun, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.scene_objects import Car, PlacedObject
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import freeway_markings, freeway_surface
 from simulator.weather.fog import Fog
-from simulator.weather.night import Night, visible_lamps
-from simulator.weather.rain import Rain, Wet, windscreen_drops
-from tests.simulator.small_drive import SMALL, small_drive
+from simulator.weather.night import Night
+from simulator.weather.rain import Rain
+from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
 WIDE_LINE = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
@@ -33,10 +30,6 @@ def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
 
 def straight_drive(**changes) -> Drive:
     return asphalt_drive(0.0, motion=Motion(100.0), **changes)
-
-
-def under_bridge(**changes) -> Drive:
-    return asphalt_drive(shades=(BRIDGE.shade(),), exposure=AutoExposure(0.5, 0.8), **changes)
 
 
 def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
@@ -84,63 +77,12 @@ def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
 
 
-def test_only_an_unshaded_sun_ahead_reduces_the_contrast(monkeypatch):
-    def contrast(azimuth: float, **changes) -> float:
-        drive = straight_drive(sun=Sun(azimuth, 0.2), glare=Glare(), **changes)
-        paint, road = (ground_levels(drive, np.array([10.0, 15.0, 25.0]), y, monkeypatch) for y in (1.83, 1.0))
-        return float((paint / road).mean())
-
-    shaded = contrast(0.0, shades=(WoodShade(-50.0, 400.0, 0.01),))
-    assert contrast(0.0) < 0.5 * contrast(np.pi)
-    assert shaded > 1.5 * contrast(0.0)
-
-
-def test_share_of_sun_flecks_in_a_wood():
-    drive = straight_drive(shades=(WoodShade(-50.0, 400.0, 0.10),))
-    ratio = render_frame(drive).image.astype(float) / np.maximum(render_frame(straight_drive()).image, 1)
-    lit = ratio[250:350, 100:540].mean(axis=2) > 0.75
-    assert 0.03 < lit.mean() < 0.2
-
-
 def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
     x = np.array([10.0, 20.0, 35.0])
     drives = [straight_drive(night=Night(retroreflection=r), markings=WIDE_LINE) for r in (4.0, 1.0)]
     for y, expected in ((1.83, 4.0), (0.6, 1.0)):
         lit, plain = (ground_levels(drive, x, y, monkeypatch) for drive in drives)
         np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
-
-
-def test_lamps_are_visible_from_their_front_and_mirrored_in_a_wet_road(monkeypatch):
-    at = SMALL.road_to_pixels(np.array([[18.0, 0.0]])).round().astype(int)[0]
-    below = {}
-    # an oncoming car in a wet road and in a dry one, and the rear of a car ahead
-    for name, wet, heading in (("wet", Wet(), np.pi), ("dry", None, np.pi), ("rear", Wet(), 0.0)):
-        car = PlacedObject(130.0, 0.0, Car(0, 0, heading, "black"))
-        light = linear_light(straight_drive(night=Night(headlights=0.0), wet=wet, objects=(car,)), monkeypatch)
-        assert heading == 0 or light.max() > 3
-        below[name] = light[at[1] - 3 : at[1] + 3, at[0] - 20 : at[0] + 20].max(axis=(0, 1))
-    assert (below["wet"] > 5 * below["dry"]).all()
-    assert below["rear"][0] > 4 * below["rear"][1]
-    assert below["wet"][0] < 2 * below["wet"][1]
-
-
-def test_lamps_behind_a_nearer_vehicle_are_hidden():
-    """A lorry hides lamps behind it, not lamps next to it and its own tail lamps."""
-    lorry = Car(20.0, 0.5, 0.1, "white", body="truck")
-    for y_m, lamps in ((0.4, 2), (6.0, 4)):
-        seen = visible_lamps([Car(60.0, y_m, np.pi, "black"), lorry], SMALL)
-        assert len(seen) == lamps
-        assert sum(lamp.distance_m < 16.0 for lamp in seen) == 2
-
-
-def test_drops_collect_until_the_wiper_removes_them():
-    rain = Rain(drops=400, wipe_every_s=1.0, wipe_s=0.3)
-    before, after = (windscreen_drops(rain, t, seed=3) for t in (2.99, 3.35))
-    assert len(before) > 0.5 * 400
-    assert len(after) < 0.6 * len(before)
-    # Drops do not move.
-    soon = {tuple(drop) for drop in windscreen_drops(rain, 2.6, seed=3)}
-    assert soon <= {tuple(drop) for drop in before}
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():

@@ -16,14 +16,11 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
+from simulator.painted_drive import DASH_M, FARTHEST_M
 
 WHITE, YELLOW, ASPHALT = (225, 225, 220), (215, 165, 40), (95, 95, 98)
 SUNLIT_WHITE, SUNLIT_YELLOW, SUNLIT_ASPHALT = (235, 235, 230), (230, 185, 50), (105, 105, 105)
 SKY = (120, 150, 190)
-# Length and period of the dashes of an American motorway.
-DASH_M = (3.05, 12.2)
-# Nothing is painted farther away.
-FARTHEST_M = 150.0
 # Samples of one pixel in each direction, as shares of the pixel.
 SUBPIXELS = (-0.375, -0.125, 0.125, 0.375)
 
