@@ -39,9 +39,8 @@ from lanes.track.departure import describe_crossings
 from lanes.track.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.track.tracker import LaneTracker, TrackerSettings
 from lanes.values import ByValue
-from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
-from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
+from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."

@@ -19,9 +19,8 @@ from lanes.camera import CalibrationReport, Camera, resize_points
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, put_text
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
-from lanes.images import kind_of_file, opencv_threads, read_image
+from lanes.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.orientation import as_stored
 from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.

@@ -92,7 +92,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
     truncated, damaged, too large, of another format, or holds several images.
     """
     # Imported here: commands that read videos only start sooner.
-    from PIL import Image, ImageOps
+    from PIL import Image
 
     path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
     try:
@@ -100,7 +100,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=READ_FORMATS) as picture:
             # MPO is a JPEG with previews behind the picture
             images, bits = 1 if picture.format == "MPO" else getattr(picture, "n_frames", 1), picture.mode
-            image = np.array((ImageOps.exif_transpose(picture) if upright else picture).convert("RGB"))
+            image = make_upright(np.array(picture.convert("RGB")), orientation_of(picture) if upright else 1)
     except Exception as error:  # a damaged file makes Pillow raise many types
         raise PictureError(
             f"{path}: cannot be decoded as a picture ({error}): it is cut off, damaged, too large, or not a JPEG, PNG, "
@@ -116,6 +116,24 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
 def upright_axes(orientation: int) -> np.ndarray:
     """Matrix (2, 2) from the axes (right, down) of a stored image to those of the upright one, by EXIF orientation."""
     return np.array(_UPRIGHT_AXES.get(orientation, _UPRIGHT_AXES[1]))
+
+
+def is_transposed(orientation: int) -> bool:
+    """Whether the rows of the stored image are columns of the upright one."""
+    return orientation >= 5
+
+
+def make_upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The upright image (rows, columns, ...), contiguous, of a stored one."""
+    right, down = upright_axes(orientation).sum(axis=1)
+    turned = np.swapaxes(image, 0, 1) if is_transposed(orientation) else image
+    return np.ascontiguousarray(turned[::down, ::right])
+
+
+def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The stored image, contiguous, of an upright one: the inverse of `make_upright`."""
+    # only the quarter turns are not their own inverses
+    return make_upright(image, {6: 8, 8: 6}.get(orientation, orientation))
 
 
 def read_orientation(path: str | Path) -> int:

@@ -11,10 +11,11 @@ from typing import Any
 import av
 import numpy as np
 from av.container import InputContainer
+from av.sidedata.sidedata import Type as SideDataType
 
 from lanes.errors import VideoError
 from lanes.files import require_file
-from lanes.images import MAX_PIXELS
+from lanes.images import MAX_PIXELS, upright_axes
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
@@ -81,6 +82,18 @@ def _frame_ticks(stream: av.VideoStream) -> int:
     """Length of a frame in units of the stream's time base, at its rate; at least 1."""
     rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
     return max(round(1 / (rate * tick)), 1) if rate and tick else 1
+
+
+def frame_orientation(frame: av.VideoFrame) -> int:
+    """The EXIF orientation of a frame by its display matrix, to the nearest quarter turn; 1 without one."""
+    side_data: Any = frame.side_data  # PyAV's types know its numbers only
+    matrix = side_data.get(SideDataType.DISPLAYMATRIX)
+    if matrix is None:
+        return 1
+    # of a row vector (column, row) in the stored image to one on the screen (libavutil/display.h)
+    a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
+    axes = np.sign([(a, 0), (0, d)] if abs(a) >= abs(c) else [(0, c), (b, 0)])
+    return next((n for n in range(1, 9) if (upright_axes(n) == axes).all()), 1)
 
 
 def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:

@@ -20,6 +20,7 @@ from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
 from lanes.errors import VideoError, require_number
+from lanes.images import is_transposed, make_upright
 from lanes.values import ByValue
 from lanes.video.container import (
     CLOCK_RESET_S,
@@ -31,6 +32,7 @@ from lanes.video.container import (
     NOT_DECODED,
     decode_frames,
     decode_packet,
+    frame_orientation,
     frame_rate,
     frame_stamps,
     open_video,
@@ -39,7 +41,6 @@ from lanes.video.container import (
     start_time,
     translate_errors,
 )
-from lanes.video.orientation import MIRRORED, frame_orientation, is_transposed, make_upright
 from lanes.video.robot_log import index_log, is_robot_log, read_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
@@ -50,6 +51,12 @@ MAX_PIXEL_ASPECT = 4
 MAX_REORDERED = 16
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
 CUT_OFF_S = 0.5
+# EXIF orientations that mirror the stored image; players show it so.
+MIRRORED = (2, 4, 5, 7)
+MIRRORED_WORDS = (
+    "is shown mirrored, as its display matrix says: if the road is mirrored, too, left and right are exchanged; remove "
+    "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
+)
 
 
 @dataclass(frozen=True)
