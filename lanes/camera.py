@@ -20,10 +20,9 @@ import numpy as np
 import yaml
 
 from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
-from lanes.errors import CameraError, PictureError, require_number, require_type
+from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
-from lanes.values import ByValue
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.

@@ -167,7 +167,7 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
     reason = ""
     files = list(files)
     for file in files:
-        if kind_of_file(file) == "picture":
+        if kind_of_file(file) == "image":
             hfov_deg, why_not = _read_exif(file)
             if hfov_deg:  # it refers to a lens without distortion
                 lens = LENSES[0] if hfov_deg > WIDE_HFOV_DEG else None
@@ -198,7 +198,7 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
     from PIL import ExifTags, Image
 
     try:
-        require_file(still, "picture")
+        require_file(still, "image")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
             entries, size = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
             focal_mm = float(entries[ExifTags.Base.FocalLengthIn35mmFilm])

@@ -43,12 +43,12 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "lines.linewidth": 1.8,
 }
-# Distances ahead that are marked on pictures of a road grid, metres.
+# Distances ahead that are marked on images of a road grid, metres.
 MARKED_M = (5, 10, 20, 40)
 
 
 def draw_on_road_grid(axis: Axes, image: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, **look: Any) -> None:
-    """Show a picture of the road; the distances x of its rows may grow, so the marks ahead are not even.
+    """Show an image of the road; the distances x of its rows may grow, so the marks ahead are not even.
 
     `x_m` (rows,) are farthest first, `y_m` (columns,) left first.
     """

@@ -40,7 +40,7 @@ def require_file(
 ) -> Path:
     """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
 
-    `kind` is the expected content, for the error message: "picture", "video". Raises FileNotFoundError if the file does
+    `kind` is the expected content, for the error message: "image", "video". Raises FileNotFoundError if the file does
     not exist, otherwise `error`.
     """
     path = Path(path)

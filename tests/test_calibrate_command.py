@@ -46,7 +46,7 @@ def test_folder_gives_camera_file_table_and_sheet(folder, run):
     assert table["a.png"].endswith("  used")
     assert table["wall.png"].endswith("-  no chessboard of 9x6 inner corners, nor a part of one")
     assert "pixels, the others 1280x720; take all with one setting" in table["square.png"]
-    assert "broken.jpg: cannot be decoded as a picture" in table["broken.jpg"]
+    assert "broken.jpg: cannot be decoded as an image" in table["broken.jpg"]
     assert "5 of 8 images used, error 0." in out
     assert "no corners in these regions" in out
     assert out.endswith("wrote out/lens.yaml\nwrote out/sheet.png\n")

@@ -204,7 +204,7 @@ ANNOTATE = "annotate --camera {drive}/drive.yaml"
 DETECT = "detect --camera {drive}/drive.yaml"
 # Exit status, words of the message, and the command; -o is added where it has none.
 MISUSE = {
-    "empty folder": (2, "empty: holds neither a video nor a picture", f"{ANNOTATE} {{drive}}/empty"),
+    "empty folder": (2, "empty: holds neither a video nor an image", f"{ANNOTATE} {{drive}}/empty"),
     "pattern without match": (2, "*.webm: there is no such file", f"{ANNOTATE} {{drive}}/*.webm"),
     "no source": (2, "SOURCE", ANNOTATE),
     "two lenses": (2, "not allowed with", f"{ANNOTATE} --hfov 60 {{drive}}/drive.mp4"),
@@ -260,7 +260,7 @@ MISUSE = {
     "explain: not writable": (1, "cannot be written", "explain {drive}/sky/sky.png --hfov 60 -o {drive}/file/out.png"),
     "explain: over its input": (2, "one of the inputs", "explain {drive}/sky/sky.png -o {drive}/sky/sky.png"),
     "label: no stills": (2, "1 or more", "label {drive}/drive.mp4 --stills 0"),
-    "label: no pictures": (2, "holds neither a video nor a picture", "label {drive}/empty"),
+    "label: no pictures": (2, "holds neither a video nor an image", "label {drive}/empty"),
     "calibrate: no pictures": (2, "arguments are required: PICTURE", "calibrate"),
     "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),
     "calibrate: odd pattern": (2, "9by6 is not a chessboard pattern", "calibrate {drive}/sky --pattern 9by6"),

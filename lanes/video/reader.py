@@ -19,9 +19,8 @@ import numpy as np
 from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
-from lanes.errors import VideoError, require_number
+from lanes.errors import ByValue, VideoError, require_number
 from lanes.images import is_transposed, make_upright
-from lanes.values import ByValue
 from lanes.video.container import (
     CLOCK_RESET_S,
     CLOCK_SET_S,
