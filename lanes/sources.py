@@ -13,14 +13,14 @@ from pathlib import Path
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.files import MESSAGES_SUFFIX, list_files, require_no_input_among
+from lanes.files import MESSAGES_SUFFIX, NO_PERMISSION, list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
 from lanes.video.log_reader import is_bag_folder
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
 from lanes.video.robot_log import is_robot_log
 
 # Reading this much of a video takes about as long as reopening it at another time.
-SEEK_S = 2.0
+_SEEK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _files(name: str) -> list[Path]:
     try:
         path.exists()
     except PermissionError as error:
-        raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+        raise ValueError(NO_PERMISSION.format(name)) from error
     if name and path.is_dir() and not is_bag_folder(path):
         found = list_files(path)
     elif name and path.exists():
@@ -151,11 +151,11 @@ def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s
 
 
 def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: str | None) -> Iterator[np.ndarray]:
-    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `SEEK_S` ahead."""
+    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `_SEEK_S` ahead."""
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:
-        if time_s > now_s + SEEK_S:
+        if time_s > now_s + _SEEK_S:
             frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
         try:
             frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
