@@ -362,7 +362,7 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
         f"{len(errors)} of {len(uses)} images used, error {report.rms_px:.2f} px (RMS of all corners)",
         f"{'fisheye lens, ' if camera.is_fisheye else ''}focal length {camera.matrix[0, 0]:.1f} px, "
         f"horizontal field of view {camera.hfov_deg:.1f} deg, distortion included",
-        describe_coverage([detections.boards[name] for name in errors]),
+        _describe_coverage([detections.boards[name] for name in errors]),
     ]
     if report.focal_std_share > _DOUBTFUL_FOCAL_STD:
         share = f"{report.focal_std_share:.1%}"
@@ -372,7 +372,7 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
     return "\n".join(lines)
 
 
-def describe_coverage(boards: Iterable[Board]) -> str:
+def _describe_coverage(boards: Iterable[Board]) -> str:
     """One sentence that names the regions of the image with fewer than ten corners: a row or two of one board.
 
     The distortion is determined only where corners were detected: a fit to the middle of the image does not

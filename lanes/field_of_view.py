@@ -26,7 +26,7 @@ from lanes.video.robot_log import index_log, is_robot_log
 DEFAULT_HFOV_DEG = 60.0
 GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
-FILM_DIAGONAL_MM = float(np.hypot(36, 24))
+_FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 
 
 @dataclass(frozen=True)
@@ -208,7 +208,7 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
                 taken = size
             width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
         diagonal_px = float(np.hypot(*taken))
-        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * FILM_DIAGONAL_MM / 2 / focal_mm)))
+        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * _FILM_DIAGONAL_MM / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None, ""
     # only a part with one side of the whole image was surely cut out and not resized

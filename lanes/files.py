@@ -24,7 +24,7 @@ import numpy as np
 import yaml
 from filelock import FileLock, Timeout
 
-PARTIAL = ".partial"
+_PARTIAL = ".partial"
 # End of the name of what is written next to the video of a robot log; it is unlike that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
 # A second writer waits this long for the lock: as long as it takes to write a small file.
@@ -149,7 +149,7 @@ def list_files(folder: str | Path) -> list[Path]:
     except PermissionError as error:
         raise ValueError(NO_PERMISSION.format(folder)) from error
     # macOS adds hidden files such as ._board1.png.
-    return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
+    return [path for path in found if _PARTIAL not in path.name and not path.name.startswith(".")]
 
 
 def hash_sources(*sources: Path) -> str:
@@ -234,7 +234,7 @@ def partial_files(path: Path) -> tuple[Path, Path]:
     stem = path.stem
     if len(os.fsencode(path.name)) > _MAX_NAME_BYTES:
         stem = f"{stem[:40]}-{zlib.crc32(os.fsencode(stem)):08x}"
-    name = f"{stem}{PARTIAL}{path.suffix}"
+    name = f"{stem}{_PARTIAL}{path.suffix}"
     return path.with_name(name), path.with_name(f"{name}.lock")
 
 

@@ -27,9 +27,9 @@ from lanes.files import parse_yaml, protobuf_fields, read_text
 
 # Ends of the names of logs, also compressed by rosbag2.
 LOG_NAMES = r"\.(bag|db3|mcap)(\.zstd?)?$"
-METADATA, RECORDING = "metadata.yaml", "rosbag2_bagfile_information"
+METADATA, _RECORDING = "metadata.yaml", "rosbag2_bagfile_information"
 # What a message compressed by rosbag2 begins with; one in CDR begins with a zero.
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
+_ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 # Fields of Foxglove's schemas in protobuf (https://docs.foxglove.dev/docs/sdk/schemas): name and kind by number.
 _FIELDS: dict[str, dict[int, tuple[str, type]]] = {
     "CompressedImage": {1: ("timestamp", dict), 2: ("data", bytes), 3: ("format", str)},
@@ -109,7 +109,7 @@ class _OpenFile:
 def is_bag_folder(path: str | Path) -> bool:
     """Whether a path is the folder of a ROS 2 recording; other programs write files of that name as well."""
     with suppress(OSError, ValueError), Path(path, METADATA).open("rb") as file:
-        return RECORDING.encode() in file.read(1000)
+        return _RECORDING.encode() in file.read(1000)
     return False
 
 
@@ -133,7 +133,7 @@ def open_log(path: Path | str) -> Iterator[LogReader]:
 def _list_parts(folder: Path) -> list[Path]:
     """The files of a ROS 2 recording in the order of its metadata."""
     described = parse_yaml(read_text(folder / METADATA, "metadata", error=VideoError, max_bytes=20_000_000))
-    names = [PurePath(name).name for name in described[RECORDING]["relative_file_paths"]]
+    names = [PurePath(name).name for name in described[_RECORDING]["relative_file_paths"]]
     if missing := [name for name in names if not (folder / name).is_file()]:
         raise VideoError(f"{folder}: {missing[0]}, which {METADATA} names, is missing; copy it there.")
     if not names:
@@ -232,7 +232,7 @@ def _decoder(topic: Topic) -> Callable[[bytes], Any]:
     deserialize = store.deserialize_ros1 if ros1 else store.deserialize_cdr
 
     def decode(data: bytes) -> Any:
-        if data[:4] == ZSTD_MAGIC:
+        if data[:4] == _ZSTD_MAGIC:
             data = import_module("zstandard").ZstdDecompressor().decompressobj().decompress(data)
         return deserialize(data, name)
 

@@ -18,18 +18,18 @@ from lanes.video.log_images import count_bits, decode_image, decode_video, find_
 from lanes.video.log_reader import LOG_NAMES, METADATA, Topic, is_bag_folder, open_log
 
 # Types of messages with an image each, and others of videos.
-IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
-OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
+_IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
+_OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
 PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
 # Encodings of messages that are read.
-READ = ("cdr", "ros1", "protobuf", "json")
+_READ = ("cdr", "ros1", "protobuf", "json")
 # A stamp is an outlier if it is farther than this from the median of those of five images.
-OUTLIER_S = 1.0
+_OUTLIER_S = 1.0
 # A longer step is that of a clock, or joins two recordings. It is shortened to a step after which the tracker starts
 # again.
-JUMP_S, SHORTENED_S = 60.0, 5.0
+_JUMP_S, _SHORTENED_S = 60.0, 5.0
 # Images whose largest values are looked at.
-PEAKS = 16
+_PEAKS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     found, peaks, codec, keys = [], [], "", []
     with open_log(path) as log:
         topic = _choose_topic(path, log.topics, topic)
-        name, every = f"{path}: {topic}", max(1, log.topics[topic].count // PEAKS)
+        name, every = f"{path}: {topic}", max(1, log.topics[topic].count // _PEAKS)
         for place, (recorded_ns, message) in enumerate(log.messages(topic)):
             found.append((_stamp_ns(message), recorded_ns))
             if log.topics[topic].kind == "CompressedVideo":
@@ -97,8 +97,8 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     order = np.argsort(stamps_ns, kind="stable")
     stamps_ns, recorded_ns = stamps_ns[order], recorded_ns[order]
     steps_s = np.diff(stamps_ns) / 1e9
-    jumps, note = steps_s > JUMP_S, _describe_times(outliers, steps_s)
-    steps_s[jumps] = SHORTENED_S
+    jumps, note = steps_s > _JUMP_S, _describe_times(outliers, steps_s)
+    steps_s[jumps] = _SHORTENED_S
     fps = _usual_rate(steps_s)
     if not MIN_FPS <= fps <= MAX_FPS:
         raise VideoError(f"{path}: has {len(found)} images on {topic}, {fps:g} per second; name a log of a drive.")
@@ -181,15 +181,15 @@ def _find_outliers(stamps_ns: np.ndarray) -> np.ndarray:
     before, after = 2 * stamps_ns[0] - stamps_ns[2:0:-1], 2 * stamps_ns[-1] - stamps_ns[-2:-4:-1]
     five = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, stamps_ns, after]), 5)
     usual_ns = np.median(np.abs(np.diff(stamps_ns)))
-    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9 * OUTLIER_S, 3 * usual_ns)
+    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9 * _OUTLIER_S, 3 * usual_ns)
 
 
 def _describe_times(outliers: int, steps_s: np.ndarray) -> str:
     """What is changed of the times, in words; empty if nothing is."""
-    jumps = int((steps_s > JUMP_S).sum())
+    jumps = int((steps_s > _JUMP_S).sum())
     words = [f"{outliers} time stamps far from those of the images around them are replaced"] if outliers else []
     if jumps:
-        words.append(f"{jumps} jumps of its clock, of up to {steps_s.max():.0f} s, are shortened to {SHORTENED_S:g} s")
+        words.append(f"{jumps} jumps of its clock, of up to {steps_s.max():.0f} s, are shortened to {_SHORTENED_S:g} s")
     return "; ".join(words)
 
 
@@ -202,11 +202,11 @@ def _usual_rate(steps_s: np.ndarray) -> float:
 
 def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> str:
     known = [t for t in topics.values() if t.count]
-    images = sorted(t.name for t in known if t.kind in IMAGE_KINDS and t.package in PACKAGES and t.encoding in READ)
+    images = sorted(t.name for t in known if t.kind in _IMAGE_KINDS and t.package in PACKAGES and t.encoding in _READ)
     if topic in images or (topic is None and len({name.removesuffix("/compressed") for name in images}) == 1):
         return topic or images[0]  # raw images come before their compressed copies
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"
-    others = [t for t in known if t.kind in (*IMAGE_KINDS, *OTHER_KINDS) and t.name not in images]
+    others = [t for t in known if t.kind in (*_IMAGE_KINDS, *_OTHER_KINDS) and t.name not in images]
     if others and (not images or any(t.name == topic for t in others)):
         listed = ", ".join(f"{t.type_name} ({t.encoding}) on {t.name}" for t in others)
         raise VideoError(f"{path}: has {listed}, which is not read; record images, or convert a video in it to mp4.")
