@@ -162,6 +162,20 @@ def hash_sources(*sources: Path) -> str:
     return digest.hexdigest()[:12]
 
 
+def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None) -> Iterator[tuple[int, Any]]:
+    """Number and content of each line of a file of JSON lines, without blank ones; ValueError names a line that is bad.
+
+    `kind` is what a line holds, for the message.
+    """
+    # Not splitlines: it also splits at characters that JSON allows inside strings.
+    for number, line in enumerate(read_text(path, kind, max_bytes=max_bytes).split("\n"), 1):
+        try:
+            if line.strip():
+                yield number, json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as JSON.") from error
+
+
 def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
     """Write a JSON object per line atomically; returns the path. Raises OSError if the file cannot be written."""
     text = "".join(json.dumps(row) + "\n" for row in rows)
