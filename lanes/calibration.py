@@ -1,15 +1,14 @@
-"""Calibrate a camera from pictures or videos of a chessboard, complete or partly visible; outliers are rejected.
+"""Calibrate a camera from stills or videos of a chessboard, complete or partly visible; outliers are rejected.
 
-Pictures are taken as the sensor saw them, whatever their EXIF orientation says: only so they are of one camera.
+The EXIF orientation of stills is ignored, so that portrait and landscape stills of one camera fit together.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 
 import cv2
@@ -19,42 +18,40 @@ from lanes.camera import CalibrationReport, Camera, resize_points
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, put_text
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
-from lanes.images import kind_of_file, opencv_threads, read_image
+from lanes.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.orientation import as_stored
 from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
-MIN_VIEWS = 3
+_MIN_VIEWS = 3
 # A board with more than this many times the median error was bent, moved or detected wrongly. On the 20 Udacity boards,
 # paper on a wall, the worst one has 1.5 times the median, and one with wrong corners 2.9 times.
-OUTLIER_RATIO = 2.5
-# Largest difference of a picture's size from that of the others, of which it was cropped, as two of Udacity's were.
-MAX_CROP_PX = 2
-# Boards below this error are never outliers; it is the error of the corner detection in a compressed picture.
-MIN_OUTLIER_ERROR_PX = 0.3
+_OUTLIER_RATIO = 2.5
+# Largest difference between the size of a cropped image and that of the others: two of Udacity's differ by 1 pixel.
+_MAX_CROP_PX = 2
+# Boards below this error are never outliers: it is the error of the corner detection in a compressed image.
+_MIN_OUTLIER_ERROR_PX = 0.3
 # A lens is a fisheye lens if that model reduces the error to this share. The two models fit a normal lens equally well.
-FISHEYE_ERROR_RATIO = 0.8
-# A larger error, as a share of the image's longer side, is that of no lens: 3.2 pixels of 1280, where Udacity's boards,
-# paper on a wall, have 0.9.
-MAX_ERROR_SHARE = 0.0025
-# Frames of a video in which a board is looked for, and the most that are used, those in which it is seen most
-# differently.
-VIDEO_FRAMES, VIDEO_BOARDS = 60, 20
+_FISHEYE_ERROR_RATIO = 0.8
+# Largest error that is plausible for a lens, as a share of the image's longer side: 3.2 pixels of 1280, where Udacity's
+# boards, paper on a wall, have 0.9.
+_MAX_ERROR_SHARE = 0.0025
+# Frames of a video that are searched for a board, and the most that are used.
+_VIDEO_FRAMES, _VIDEO_BOARDS = 60, 20
 # Largest standard deviation of the focal length as a share of it; above the first one the result says so. Three tilted
 # real boards reach 0.4 %, and a field of view that is assumed is off by a third.
-DOUBTFUL_FOCAL_STD, MAX_FOCAL_STD = 0.02, 0.04
-# Two boards are seen alike if no corner differs by more than this share of the image's size.
-SAME_VIEW_SHARE = 0.01
-_ADVICE = "take pictures in which the board is tilted by 20 to 45 degrees, each time in another direction"
+_DOUBTFUL_FOCAL_STD, _MAX_FOCAL_STD = 0.02, 0.04
+# Two views of a board are the same if no outer corner differs by more than this share of the image's size.
+_SAME_VIEW_SHARE = 0.01
+_ADVICE = "take images in which the board is tilted by 20 to 45 degrees, each time in another direction"
 
 
 @dataclass(frozen=True, eq=False)
 class BoardDetections:
-    """Chessboards detected in pictures.
+    """Chessboards detected in images.
 
-    `tiles` has all pictures by name, made small for the contact sheet, `boards` the detected boards by the name of the
-    picture, and `unused` the pictures without a board with the reason. `pattern` is the complete board's inner corners
+    `tiles` has all images by name, made small for the contact sheet, `boards` the detected boards by the name of the
+    image, and `unused` the images without a board with the reason. `pattern` is the complete board's inner corners
     (columns, rows).
     """
 
@@ -70,29 +67,29 @@ def calibrate(
     *,
     progress: Callable[[int, int], None] | None = None,
 ) -> Camera:
-    """Camera intrinsics from pictures or videos of a chessboard, for their most frequent size.
+    """Camera intrinsics from images or videos of a chessboard, for their most frequent size.
 
     >>> camera = lanes.calibrate("boards/")  # doctest: +SKIP
 
     Parameters
     ----------
     source : path or iterable of paths
-        A folder of pictures, or pictures, videos and folders.
+        A folder of images, or images, videos and folders.
     pattern : tuple of int
         The complete board's inner corners (columns, rows).
     progress : callable, optional
-        Called with (pictures done, pictures in all).
+        Called with (images done, images in all).
 
     Returns
     -------
     Camera
         Without pose, for images as the sensor sees them (`Camera.turned`); a fisheye lens has four coefficients. Its
-        `report` has the error of each board, and the pictures not used, with the reason.
+        `report` has the error of each board, and the images not used, with the reason.
 
     Raises
     ------
     FileNotFoundError
-        If a file or folder does not exist, or a folder holds no picture.
+        If a file or folder does not exist, or a folder holds no image.
     CameraError
         If too few boards are found, or they do not determine the intrinsics, or they fit no lens.
     """
@@ -104,79 +101,70 @@ def calibrate(
 def find_boards(
     paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
 ) -> BoardDetections:
-    """The board in every picture. Pictures that cannot be decoded are `unused`; one that does not exist is an error."""
+    """The board in every image. Images that cannot be decoded are `unused`; one that does not exist is an error."""
     same_name = Counter(path.name for path in paths)
     found = BoardDetections({}, pattern, {}, {})
-    weights = [VIDEO_FRAMES if kind_of_file(path) == "video" else 1 for path in paths]
-    for path, weight, done in zip(paths, weights, np.cumsum(weights).tolist(), strict=True):
+    is_video = [kind_of_file(path) == "video" for path in paths]
+    # a video stands for as many images as frames of it are searched
+    counts = [_VIDEO_FRAMES if video else 1 for video in is_video]
+    for k, path in enumerate(paths):
         name = path.name if same_name[path.name] == 1 else str(path)
-        if kind_of_file(path) == "video":
-            # all counts are those of pictures; a video stands for the frames in which a board is looked for
-            report = progress and partial(_report_share, progress, done - weight, weight, sum(weights))
-            _add_video(found, name, path, report)
-        else:
-            try:
-                image = read_image(path, upright=False)
-            except PictureError as error:
-                found.tiles[name] = np.zeros((TILE_PX[1], TILE_PX[0], 3), np.uint8)
-                found.unused[name] = str(error)
-            else:
-                _add_image(found, name, image)
-        if progress:
-            progress(done, sum(weights))
+        for done in (_add_video if is_video[k] else _add_still)(found, name, path):
+            if progress:
+                progress(sum(counts[:k]) + done, sum(counts))
     return found
 
 
-def _report_share(progress: Callable[[int, int], None], before: int, weight: int, total: int, share: float) -> None:
-    progress(before + int(share * weight), total)
+def _add_still(found: BoardDetections, name: str, path: Path) -> Iterator[int]:
+    """Add the board of a still; yields 1 when that is done."""
+    try:
+        _add_image(found, name, read_image(path, upright=False))
+    except PictureError as error:
+        found.tiles[name] = np.zeros((_TILE_PX[1], _TILE_PX[0], 3), np.uint8)
+        found.unused[name] = str(error)
+    yield 1
+
+
+def _add_video(found: BoardDetections, name: str, path: Path) -> Iterator[int]:
+    """Add the frames of a video in which the board is seen most differently; yields the progress in images."""
+    count = inspect_video(path).frames
+    step = max(1, count // _VIDEO_FRAMES)
+    orientation = inspect_turn(path)
+    searched = BoardDetections({}, found.pattern, {}, {})
+    for frame in read_timed_frames(path):
+        if frame.number % step == 0:
+            _add_image(searched, f"{name} at {frame.time_s:.2f} s", as_stored(frame.image, orientation))
+            yield min(frame.number * _VIDEO_FRAMES // count, _VIDEO_FRAMES)
+    chosen = _most_different(searched.boards)[:_VIDEO_BOARDS]
+    found.boards.update({key: board for key, board in searched.boards.items() if key in chosen})
+    shown = chosen or list(searched.tiles)[:1]
+    found.tiles.update({key: tile for key, tile in searched.tiles.items() if key in shown})
+    if not chosen:
+        found.unused[shown[0]] = f"{_no_board(found.pattern)}, also in {len(searched.tiles) - 1} others"
+    yield _VIDEO_FRAMES
 
 
 def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
-    board = find_board(image, found.pattern, doubtful=True)
-    if board:
+    if board := find_board(image, found.pattern, doubtful=True):
         found.boards[name] = board
     else:
         found.unused[name] = _no_board(found.pattern)
-    scale = min(TILE_PX[0] / image.shape[1], TILE_PX[1] / image.shape[0])
+    scale = min(_TILE_PX[0] / image.shape[1], _TILE_PX[1] / image.shape[0])
     size = [max(1, round(scale * length)) for length in image.shape[1::-1]]
     found.tiles[name] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _add_video(found: BoardDetections, name: str, path: Path, report: Callable[[float], None] | None = None) -> None:
-    """Add the frames of a video in which the board is seen most differently; `report` gets the share that was read."""
-    count = inspect_video(path).frames
-    step = max(1, count // VIDEO_FRAMES)
-    orientation = inspect_turn(path)
-    looked = BoardDetections({}, found.pattern, {}, {})
-    for frame in read_timed_frames(path):
-        if frame.number % step == 0:
-            sensor_image = as_stored(frame.image, orientation)
-            _add_image(looked, f"{name} at {frame.time_s:.2f} s", sensor_image)
-            if report:
-                report(min(frame.number / count, 1.0))
-    chosen = _most_different(looked.boards, VIDEO_BOARDS)
-    found.boards.update({key: looked.boards[key] for key in chosen})
-    found.tiles.update({key: looked.tiles[key] for key in chosen or list(looked.tiles)[:1]})
-    if not chosen:
-        found.unused[next(iter(looked.tiles))] = f"{_no_board(found.pattern)}, also in {len(looked.tiles) - 1} others"
-
-
-def _most_different(boards: Mapping[str, Board], count: int) -> list[str]:
-    """The names of up to `count` boards in their order, each as far from the others as possible; no two are alike."""
-    names = list(boards)
+def _most_different(boards: Mapping[str, Board]) -> list[str]:
+    """The names of the boards in different views, each as far from those before it as possible."""
     grids = [(board.corners_px.reshape(board.rows, board.columns, 2), board.size) for board in boards.values()]
     # the four outer corners as shares of the image's size
     outlines = np.array([grid[[0, 0, -1, -1], [0, -1, 0, -1]] / size for grid, size in grids])
-    chosen: set[int] = set()
-    distance = np.full(len(names), np.inf)
-    while len(chosen) < min(count, len(names)):
-        farthest = int(distance.argmax())
-        if distance[farthest] < SAME_VIEW_SHARE:
-            break
-        chosen.add(farthest)
-        distance = np.minimum(distance, np.abs(outlines - outlines[farthest]).max(axis=(1, 2)))
-        distance[farthest] = -1
-    return [names[index] for index in sorted(chosen)]
+    chosen: list[int] = []
+    distance = np.full(len(boards), np.inf)
+    while len(boards) and distance.max() >= _SAME_VIEW_SHARE:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.abs(outlines - outlines[chosen[-1]]).max(axis=(1, 2)))
+    return [list(boards)[index] for index in chosen]
 
 
 def _no_board(pattern: tuple[int, int]) -> str:
@@ -184,12 +172,12 @@ def _no_board(pattern: tuple[int, int]) -> str:
 
 
 def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
-    """Camera intrinsics from detected boards, as `calibrate`; `source` names the pictures in messages."""
+    """Camera intrinsics from detected boards, as `calibrate`; `source` names the images in messages."""
     unused = "".join(f"\n  {name}: {reason}" for name, reason in detections.unused.items())
     if not detections.boards:
         raise CameraError(
             f"no chessboard of {detections.pattern[0]}x{detections.pattern[1]} inner corners was found in "
-            f"{source}; give pictures of a board of that pattern, or calibrate with the pattern "
+            f"{source}; give images of a board of that pattern, or calibrate with the pattern "
             f"of this one.{unused}"
         )
     try:
@@ -203,16 +191,16 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
 
 
 def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
-    """Camera intrinsics from boards in different poses, by the name of the picture (Zhang, PAMI 2000).
+    """Camera intrinsics from boards in different poses, by the name of the image (Zhang, PAMI 2000).
 
-    They are for pictures of the most frequent size, and of those that were cropped by a pixel or two. Raises
+    They are for images of the most frequent size, and of those that were cropped by a pixel or two. Raises
     CameraError if fewer than three different views remain, or they do not determine the intrinsics, or fit neither a
     normal nor a fisheye lens.
     """
     sizes = Counter(board.size for board in boards.values())
     size = max(sizes, key=lambda size: (sizes[size], size))
-    used = {name: b for name, b in boards.items() if np.abs(np.subtract(b.size, size)).max() <= MAX_CROP_PX}
-    reason = "picture is {}x{} pixels, the others {}x{}; take all with one setting"
+    used = {name: b for name, b in boards.items() if np.abs(np.subtract(b.size, size)).max() <= _MAX_CROP_PX}
+    reason = "image is {}x{} pixels, the others {}x{}; take all with one setting"
     rejected = {name: reason.format(*board.size, *size) for name, board in boards.items() if name not in used}
     sure = {name: board for name, board in used.items() if not board.doubtful}
     reason = "its corners are not evenly spaced or hardly seen, and the lens is no fisheye lens"
@@ -224,16 +212,16 @@ def calibrate_boards(boards: Mapping[str, Board]) -> Camera:
             raise
         camera = _calibrate_fisheye_lens(used, size, rejected)
     report = camera.require_report()
-    if report.rms_px > MIN_OUTLIER_ERROR_PX or len(report.board_rms_px) < len(boards):
+    if report.rms_px > _MIN_OUTLIER_ERROR_PX or len(report.board_rms_px) < len(boards):
         with suppress(CameraError):
             fisheye = _calibrate_fisheye_lens(used, size, rejected)
             camera = fisheye if _explains_more(fisheye, used) else camera
     rms_px = camera.require_report().rms_px
-    limit_px = MAX_ERROR_SHARE * max(camera.size)
+    limit_px = _MAX_ERROR_SHARE * max(camera.size)
     if rms_px > limit_px:
         raise CameraError(
             f"the boards fit neither a normal nor a fisheye lens (error {rms_px:.2f} px, at most {limit_px:.1f}). "
-            "Check the pattern, that the board is flat, and that all pictures are of one camera that did not zoom."
+            "Check the pattern, that the board is flat, and that all images are of one camera that did not zoom."
         )
     return camera
 
@@ -246,7 +234,7 @@ def _calibrate_fisheye_lens(boards: dict[str, Board], size: tuple[int, int], rej
     except CameraError:  # they are too few
         return _calibrate_without_outliers(boards, size, rejected, fisheye=True)
     # the lens is not known well where no sure board was
-    limit_px = 2 * MAX_ERROR_SHARE * max(size)
+    limit_px = 2 * _MAX_ERROR_SHARE * max(size)
     errors = {name: _error_px(board, camera) for name, board in boards.items() if board.doubtful}
     wrong = {name: f"error {error:.1f} px, it is no board" for name, error in errors.items() if error > limit_px}
     used = {name: board for name, board in boards.items() if name not in wrong}
@@ -260,7 +248,7 @@ def _explains_more(fisheye: Camera, boards: dict[str, Board]) -> bool:
         normal = _calibrate_once({name: boards[name] for name in report.board_rms_px}, fisheye.size, {}, fisheye=False)
     except CameraError:
         return True
-    return report.rms_px < FISHEYE_ERROR_RATIO * normal.require_report().rms_px
+    return report.rms_px < _FISHEYE_ERROR_RATIO * normal.require_report().rms_px
 
 
 def _error_px(board: Board, camera: Camera) -> float:
@@ -283,9 +271,9 @@ def _calibrate_without_outliers(
         worst = max(errors, key=errors.__getitem__)
         median = float(np.median(list(errors.values())))
         # With three boards it cannot be decided which one is wrong.
-        if len(boards) == MIN_VIEWS or errors[worst] <= max(OUTLIER_RATIO * median, MIN_OUTLIER_ERROR_PX):
+        if len(boards) == _MIN_VIEWS or errors[worst] <= max(_OUTLIER_RATIO * median, _MIN_OUTLIER_ERROR_PX):
             return camera
-        limit = f"{OUTLIER_RATIO} times the median board's {median:.2f}"
+        limit = f"{_OUTLIER_RATIO} times the median board's {median:.2f}"
         rejected[worst] = f"error {errors[worst]:.2f} px, more than {limit}"
         del boards[worst]
 
@@ -294,11 +282,11 @@ def _calibrate_once(
     boards: dict[str, Board], size: tuple[int, int], rejected: dict[str, str], *, fisheye: bool
 ) -> Camera:
     """The camera, with the error of each board and the `rejected` ones in its report."""
-    views = _count_views(boards)
-    if views < MIN_VIEWS:
+    views = len(_most_different(boards))  # a repeated image adds no information
+    if views < _MIN_VIEWS:
         raise CameraError(
             f"{views} different view(s) of the board at {size[0]}x{size[1]} pixels, but calibration needs at least "
-            f"{MIN_VIEWS}, better 15; take more pictures, with the board tilted each time in another direction."
+            f"{_MIN_VIEWS}, better 15; take more images, with the board tilted each time in another direction."
         )
     object_points = [board.object_points for board in boards.values()]
     image_points = [board.corners_px for board in boards.values()]
@@ -325,7 +313,7 @@ def _fit_normal_lens(
         object_points, image_points, size, None, None
     )
     focal, focal_std = float(matrix[0, 0]), float(std[0, 0])
-    if not (np.isfinite(matrix).all() and focal_std <= MAX_FOCAL_STD * focal):
+    if not (np.isfinite(matrix).all() and focal_std <= _MAX_FOCAL_STD * focal):
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
@@ -351,42 +339,32 @@ def _fit_fisheye_lens(
     return matrix, distortion, np.array(errors_px), 0.0
 
 
-def _count_views(boards: Mapping[str, Board]) -> int:
-    """Number of different views. A repeated picture adds no information: its corners differ by noise, below 2 px."""
-    views: list[np.ndarray] = []
-    for board in boards.values():
-        corners = board.corners_px
-        if not any(view.shape == corners.shape and np.abs(view - corners).mean() < 2.0 for view in views):
-            views.append(corners)
-    return len(views)
-
-
 # Summary of a calibration in words and as a contact sheet.
 
-# Borders of the 3 x 3 regions of a picture, as shares of width and height, and their names. Distortion is largest in
+# Borders of the 3 x 3 regions of a image, as shares of width and height, and their names. Distortion is largest in
 # the outer quarters.
-REGION_BORDERS = (0.0, 0.25, 0.75, 1.0)
-REGION_NAMES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right")
+_REGION_BORDERS = (0.0, 0.25, 0.75, 1.0)
+_REGION_NAMES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right")
 # Contact sheet: size of a tile below its label, pixels.
-TILE_PX, LABEL_PX = (400, 225), 44
+_TILE_PX, _LABEL_PX = (400, 225), 44
 
 
 def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
-    """Text of several lines: reprojection error and use of each picture, focal length, regions without corners."""
+    """Text of several lines: reprojection error and use of each image, focal length, regions without corners."""
     report = camera.require_report()
     uses, errors = _describe_uses(detections, camera), report.board_rms_px
     width = max(map(len, uses))
-    lines = [f"{'picture':<{width}}  error px  board"]
+    lines = [f"{'image':<{width}}  error px  board"]
     for name, use in uses.items():
         error = f"{errors[name]:8.2f}" if name in errors else f"{'-':>8}"
         lines.append(f"{name:<{width}}  {error}  {use}")
     lines += [
-        f"{len(errors)} of {len(uses)} pictures used, error {report.rms_px:.2f} px (RMS of all corners)",
+        f"{len(errors)} of {len(uses)} images used, error {report.rms_px:.2f} px (RMS of all corners)",
         f"{'fisheye lens, ' if camera.is_fisheye else ''}focal length {camera.matrix[0, 0]:.1f} px, "
         f"horizontal field of view {camera.hfov_deg:.1f} deg, distortion included",
-        describe_coverage([detections.boards[name] for name in errors]),
+        _describe_coverage([detections.boards[name] for name in errors]),
     ]
-    if report.focal_std_share > DOUBTFUL_FOCAL_STD:
+    if report.focal_std_share > _DOUBTFUL_FOCAL_STD:
         share = f"{report.focal_std_share:.1%}"
         lines.append(
             f"warning: the focal length is uncertain by {share}, and with it distances and curvature; {_ADVICE}"
@@ -394,22 +372,22 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
     return "\n".join(lines)
 
 
-def describe_coverage(boards: Iterable[Board]) -> str:
-    """One sentence that names the regions of the picture with fewer than ten corners: a row or two of one board.
+def _describe_coverage(boards: Iterable[Board]) -> str:
+    """One sentence that names the regions of the image with fewer than ten corners: a row or two of one board.
 
-    The distortion is determined only where corners were detected: a fit to the middle of the picture does not
+    The distortion is determined only where corners were detected: a fit to the middle of the image does not
     extrapolate to its corners.
     """
     u, v = np.concatenate([(board.corners_px + 0.5) / board.size for board in boards]).T
-    counts = np.histogram2d(v, u, bins=[REGION_BORDERS, REGION_BORDERS])[0].ravel()
-    missing = [name for name, count in zip(REGION_NAMES, counts, strict=True) if count < 10]
+    counts = np.histogram2d(v, u, bins=[_REGION_BORDERS, _REGION_BORDERS])[0].ravel()
+    missing = [name for name, count in zip(_REGION_NAMES, counts, strict=True) if count < 10]
     if not missing:
-        return "corners were detected in all regions of the picture"
-    return f"few or no corners in these regions of the picture: {', '.join(missing)}; add boards there"
+        return "corners were detected in all regions of the image"
+    return f"few or no corners in these regions of the image: {', '.join(missing)}; add boards there"
 
 
 def _describe_uses(detections: BoardDetections, camera: Camera | None) -> dict[str, str]:
-    """Use of each picture, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
+    """Use of each image, by name: "used", "used, 7x6 corners of the board", or why it was not used."""
     if camera is None:
         return dict.fromkeys(detections.tiles, "board found") | detections.unused
     report = camera.require_report()
@@ -419,14 +397,14 @@ def _describe_uses(detections: BoardDetections, camera: Camera | None) -> dict[s
         if {board.columns, board.rows} != set(detections.pattern):
             uses[name] += f", {board.columns}x{board.rows} corners of the board"
         if board.size != camera.size:
-            uses[name] += f", picture of {board.size[0]}x{board.size[1]}"
+            uses[name] += f", image of {board.size[0]}x{board.size[1]}"
     return uses
 
 
 def draw_contact_sheet(detections: BoardDetections, camera: Camera | None) -> np.ndarray:
-    """Picture (height, width, 3), uint8 RGB, with a tile for each board picture, five in a row, and its corners.
+    """Image (height, width, 3), uint8 RGB, with a tile for each board image, five in a row, and its corners.
 
-    The frame of a tile is green if the picture was used, yellow if a part of the board was used, and red if the picture
+    The frame of a tile is green if the image was used, yellow if a part of the board was used, and red if the image
     was not used. Without a camera, because the calibration was refused, it is yellow where a board was found.
     """
     uses, errors = _describe_uses(detections, camera), camera.require_report().board_rms_px if camera else {}
@@ -442,12 +420,12 @@ def draw_contact_sheet(detections: BoardDetections, camera: Camera | None) -> np
 
 
 def _draw_tile(small: np.ndarray, board: Board | None, label: list[str], colour: Colour) -> np.ndarray:
-    """A small picture with the corners of its board below a label, in a frame of that colour."""
+    """A small image with the corners of its board below a label, in a frame of that colour."""
     if board:
         corners = resize_points(board.corners_px, np.divide(small.shape[1::-1], board.size)).astype(np.float32)
         small = draw_board(small, replace(board, corners_px=corners))
-    tile = np.full((TILE_PX[1] + LABEL_PX, TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
-    left = (TILE_PX[0] - small.shape[1]) // 2
-    tile[LABEL_PX : LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
-    put_text(tile[:LABEL_PX], label, size_px=13, panel_alpha=0)
+    tile = np.full((_TILE_PX[1] + _LABEL_PX, _TILE_PX[0], 3), PANEL_COLOUR, np.uint8)
+    left = (_TILE_PX[0] - small.shape[1]) // 2
+    tile[_LABEL_PX : _LABEL_PX + small.shape[0], left : left + small.shape[1]] = small
+    put_text(tile[:_LABEL_PX], label, size_px=13, panel_alpha=0)
     return cv2.copyMakeBorder(tile, 6, 6, 6, 6, cv2.BORDER_CONSTANT, value=colour)

@@ -20,14 +20,13 @@ import numpy as np
 import yaml
 
 from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
-from lanes.errors import CameraError, PictureError, require_number, require_type
+from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
-from lanes.values import ByValue
 
 # Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
 # 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
-MAX_ASPECT_DIFFERENCE = 0.005
+_MAX_ASPECT_DIFFERENCE = 0.005
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
 # Wider views are those of a fisheye lens unless the lens is named: a pinhole camera of 110 degrees has twice as many
@@ -39,7 +38,7 @@ MAX_OFFSET_M = 2.0
 # Width of a passenger car over its tyres where none is given, and that of motorcycles to lorries with mirrors, metres.
 CAR_WIDTH_M, CAR_WIDTH_RANGE_M = 1.8, (0.5, 3.5)
 # Largest skew of a camera matrix as a share of the focal length: calibrations of real lenses have some 0.001.
-MAX_SKEW = 0.01
+_MAX_SKEW = 0.01
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ class CameraPose:
                     f"{name} = {value:g} is more than a right angle; give radians: np.radians({value:g})."
                 )
         if self.height_m <= 0:
-            raise CameraError(f"{self} is not a camera pose: the height must be positive.")
+            raise CameraError(f"height_m = {self.height_m:g}: the height must be positive.")
 
     def describe(self) -> str:
         """Text such as "1.32 m high, pitch -1.80, yaw -1.36, roll 0.40 deg"."""
@@ -91,7 +90,7 @@ class CameraPose:
 class CalibrationReport:
     """Result of a calibration: root mean square reprojection errors of all corners and of each board used.
 
-    `board_rms_px` has the boards by the name of their picture, `rejected` the pictures that were not used, and why;
+    `board_rms_px` has the boards by the name of their image, `rejected` the images that were not used, and why;
     `date` is ISO 8601, today by default. `focal_std_share` is the standard deviation of the focal length as a share of
     it; 0 if it is unknown.
     """
@@ -150,11 +149,16 @@ class Camera(ByValue):
             matrix = np.asarray(self.matrix, float).reshape(3, 3)
             distortion = np.asarray(self.distortion, float).ravel()
         except (TypeError, ValueError) as error:
-            raise CameraError(f"this is no camera: matrix (3, 3) and distortion must be numbers ({error}).") from error
-        object.__setattr__(self, "matrix", matrix)
-        object.__setattr__(self, "distortion", distortion)
-        if fault := _fault_of_intrinsics(self.size, tuple(matrix.ravel().tolist()), tuple(distortion.tolist())):
-            raise CameraError(f"this is no camera: {fault}.")
+            raise CameraError(f"invalid camera: matrix (3, 3) and distortion must be numbers ({error}).") from error
+        offset_m, width_m = require_number(self.offset_m, "offset_m"), require_number(self.car_width_m, "car_width_m")
+        valid = {"matrix": matrix, "distortion": distortion, "offset_m": offset_m, "car_width_m": width_m}
+        for name, value in valid.items():
+            object.__setattr__(self, name, value)
+        fault = _fault_of_car(offset_m, width_m) or _fault_of_intrinsics(
+            self.size, tuple(matrix.ravel().tolist()), tuple(distortion.tolist())
+        )
+        if fault:
+            raise CameraError(f"invalid camera: {fault}.")
 
     @classmethod
     def from_fov(
@@ -174,7 +178,7 @@ class Camera(ByValue):
             )
         lens = lens or LENSES[hfov_deg > WIDE_HFOV_DEG]
         if lens not in LENSES:
-            raise CameraError(f"{lens!r} is no lens; give one of {', '.join(LENSES)}.")
+            raise CameraError(f"lens {lens!r} is not known; give one of {', '.join(LENSES)}.")
         (width, height), half_rad = size, np.radians(hfov_deg) / 2
         focal_px = width / 2 / (np.tan(half_rad) if lens == "pinhole" else half_rad)
         matrix = np.array([[focal_px, 0, (width - 1) / 2], [0, focal_px, (height - 1) / 2], [0, 0, 1]])
@@ -209,7 +213,7 @@ class Camera(ByValue):
 
     def has_aspect_of(self, size: tuple[int, int]) -> bool:
         """Whether images of `size` (width, height) show the same area as those of this camera, resized."""
-        return abs(size[0] / size[1] - self.width / self.height) <= MAX_ASPECT_DIFFERENCE
+        return abs(size[0] / size[1] - self.width / self.height) <= _MAX_ASPECT_DIFFERENCE
 
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for images resized to `size` (width, height).
@@ -219,7 +223,7 @@ class Camera(ByValue):
         width, height = size
         if not self.has_aspect_of(size):
             raise CameraError(
-                f"a {width}x{height} picture has another aspect ratio than the calibrated {self.width}x{self.height}: "
+                f"a {width}x{height} image has another aspect ratio than the calibrated {self.width}x{self.height}: "
                 "it was cropped or turned, so the calibration cannot be rescaled; calibrate at that size."
             )
         # As in `resize_points`.
@@ -261,10 +265,10 @@ class Camera(ByValue):
             return image
         if self.calibrated:
             origin = "was calibrated for"
-            remedy = "use a picture of that size, or camera.scaled(size) for a resized one."
+            remedy = "use an image of that size, or camera.scaled(size) for a resized one."
         else:
-            origin = "is that of pictures of"
-            remedy = "use pictures of one size, or annotate the pictures of several cameras with --each."
+            origin = "is that of images of"
+            remedy = "use images of one size, or annotate the stills of several cameras with --each."
         size = f"{self.width}x{self.height}"
         raise PictureError(f"{name}: is {width}x{height} pixels, but the camera {origin} {size}; {remedy}")
 
@@ -543,34 +547,25 @@ def camera_from_dict(content: dict) -> Camera:
         raise ValueError("its principal point is not in the image")
     pose = _parse_pose(content["pose"]) if "pose" in content else None
     report = _parse_report(content["calibration"]) if "calibration" in content else None
-    offset_m = require_camera_offset(content.get("camera_offset_m", 0.0))
-    car_width_m = require_car_width(content.get("car_width_m", CAR_WIDTH_M))
+    car = {"offset_m": content.get("camera_offset_m", 0.0), "car_width_m": content.get("car_width_m", CAR_WIDTH_M)}
     calibrated = content.get("calibrated", True) is not False
-    return Camera(*size, matrix, distortion, pose, report, offset_m, calibrated, car_width_m)
-
-
-def require_camera_offset(offset_m: object) -> float:
-    """The position of a camera left of the middle of its car; raises CameraError if no car is as wide."""
-    offset_m = require_number(offset_m, "camera_offset_m")
-    if abs(offset_m) > MAX_OFFSET_M:
-        raise CameraError(
-            f"a camera {offset_m:g} m beside the middle of the car is not plausible; give -2 to 2 metres."
-        )
-    return offset_m
-
-
-def require_car_width(width_m: object) -> float:
-    """The width of a car; raises CameraError if no vehicle on a road is as wide or narrow."""
-    width_m = require_number(width_m, "car_width_m")
-    low, high = CAR_WIDTH_RANGE_M
-    if not low <= width_m <= high:
-        raise CameraError(f"a car {width_m:g} m wide is not plausible; give {low:g} to {high:g} metres.")
-    return width_m
+    return Camera(*size, matrix, distortion, pose, report, calibrated=calibrated, **car)
 
 
 def require_camera(camera: object) -> Camera:
     """The camera; raises LaneError if it is none."""
     return require_type(camera, Camera, "camera", "make one with Camera.from_fov, or read one with load_camera")
+
+
+def _fault_of_car(offset_m: float, width_m: float) -> str:
+    """Why no car carries its camera like this, or nothing."""
+    if abs(offset_m) > MAX_OFFSET_M:
+        limits = f"give {-MAX_OFFSET_M:g} to {MAX_OFFSET_M:g} metres"
+        return f"a camera {offset_m:g} m beside the middle of the car is not plausible; {limits}"
+    low, high = CAR_WIDTH_RANGE_M
+    if not low <= width_m <= high:
+        return f"a car {width_m:g} m wide is not plausible; give {low:g} to {high:g} metres"
+    return ""
 
 
 @lru_cache(maxsize=32)
@@ -586,12 +581,12 @@ def _fault_of_intrinsics(size: tuple[int, int], matrix: tuple[float, ...], disto
     if max(map(abs, distortion)) > 1e6:
         return "a distortion coefficient is not between -1e+06 and 1e+06"
     if not (min(size) > 0 and width * height <= MAX_PIXELS):
-        return f"{width} x {height} is not a valid picture size"
+        return f"{width} x {height} is not a valid image size"
     if not (shortest <= fx <= longest and shortest <= fy <= longest):
         return f"a focal length is not between {shortest:g} and {longest:g} pixels"
     # a sensor has square corners: more is another lens model's shift
-    if abs(skew) > MAX_SKEW * fx:
-        return f"a skew of {skew:g} is more than {MAX_SKEW:g} of the focal length"
+    if abs(skew) > _MAX_SKEW * fx:
+        return f"a skew of {skew:g} is more than {_MAX_SKEW:g} of the focal length"
     return "its camera matrix is not valid" if zero or last != [0, 0, 1] else ""
 
 

@@ -16,23 +16,23 @@ from lanes.errors import CameraError
 from lanes.images import require_rgb
 
 # Smaller grids occur by chance in wall textures and keyboards.
-MIN_GRID = (5, 4)
+_MIN_GRID = (5, 4)
 # Larger images are resized until their longer side has this length, because the detectors are slow and less reliable on
 # them.
-DETECTION_LENGTH_PX = 1600
+_DETECTION_LENGTH_PX = 1600
 # No board is recognised in a resized image that is narrower.
-MIN_SIZE_PX = 24
+_MIN_SIZE_PX = 24
 # Standard deviation of the blur before the classic detector, pixels of the resized image. On a texture of single pixels
 # that detector takes a minute.
-TEXTURE_BLUR_PX = 1.5
+_TEXTURE_BLUR_PX = 1.5
 # Start grids for the detection of a part of the board; which of them the detector finds depends on the image.
-SEED_PATTERNS = ((3, 3), (5, 5))
+_SEED_PATTERNS = ((3, 3), (5, 5))
 # Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
 # contrast of the board. Glare lowers it.
 MIN_CONTRAST = 0.3
 # Share of the corners of a complete board that must have it: some may lie in glare or at the border of the image. A
 # grid along the diagonals of the board, which a detector can find, has it at half of its corners.
-MOST_CORNERS = 0.8
+_MOST_CORNERS = 0.8
 # Largest relative error of the cross ratio of four corners, the median over a row. Measured: 0.013 on 40 rendered and
 # real boards, mostly 0.012 with fisheye lenses of 140 to 200 degrees, and 0.08 or more if a row is skipped.
 MAX_UNEVENNESS = 0.07
@@ -74,8 +74,8 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6), *, doubtful
     if min(pattern) < 3:
         raise CameraError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = max(1.0, max(gray.shape) / DETECTION_LENGTH_PX)
-    if min(gray.shape) < MIN_SIZE_PX * scale:
+    scale = max(1.0, max(gray.shape) / _DETECTION_LENGTH_PX)
+    if min(gray.shape) < _MIN_SIZE_PX * scale:
         return None
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
     # the sector-based detector draws random numbers
@@ -101,13 +101,13 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.nda
     # CALIB_CB_NORMALIZE_IMAGE is not set: it moved the corners of a large real board by pixels. CALIB_CB_ACCURACY is
     # not set: it takes four times as long, and the corners are refined later.
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    smooth = cv2.GaussianBlur(gray, (0, 0), TEXTURE_BLUR_PX)
+    smooth = cv2.GaussianBlur(gray, (0, 0), _TEXTURE_BLUR_PX)
     unsure = None
     for find, seen, options in ((cv2.findChessboardCornersSB, gray, 0), (cv2.findChessboardCorners, smooth, flags)):
         found, corners = find(seen, pattern, flags=options)
         if found:
             grid = corners.reshape(rows, columns, 2)
-            if _is_chessboard(gray, grid, MOST_CORNERS):
+            if _is_chessboard(gray, grid, _MOST_CORNERS):
                 return grid, True
             unsure = grid if unsure is None else unsure
     return unsure, False
@@ -116,13 +116,13 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.nda
 def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
     """Largest grid (rows, columns, 2) grown from a small one, or None."""
     best = None
-    for seed in SEED_PATTERNS:
+    for seed in _SEED_PATTERNS:
         found, corners, kind = cv2.findChessboardCornersSBWithMeta(gray, seed, flags=cv2.CALIB_CB_LARGER)
         start = _valid_start_grid(gray, corners.reshape(*kind.shape, 2).astype(np.float32)) if found else None
         if start is None:
             continue
         grid = _grow_grid(gray, start, pattern)
-        if _fits_pattern(grid, pattern, MIN_GRID) and (best is None or grid.size > best.size):
+        if _fits_pattern(grid, pattern, _MIN_GRID) and (best is None or grid.size > best.size):
             best = grid
     return best
 

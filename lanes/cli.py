@@ -282,7 +282,7 @@ class Explain:
         require_no_input_among([options.output], options.files)
         (file,) = options.files
         start_s, end_s, at_s = options.start_s, options.end_s, options.at
-        info = None if kind_of_file(file) == "picture" else inspect_video(file, topic=options.topic)
+        info = None if kind_of_file(file) == "image" else inspect_video(file, topic=options.topic)
         length_s = info.duration_s if info else 0.0
         if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
             words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
@@ -492,7 +492,7 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
     """
     own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
     others = [path for path in sources.skipped if path not in own]
-    for what, paths in (("neither a video nor a picture", others), ("written by annotate", own)):
+    for what, paths in (("neither a video nor an image", others), ("written by annotate", own)):
         if paths:
             print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
     if options.lens and options.hfov is None:

@@ -31,8 +31,8 @@ def require_opencv() -> None:
 
 def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math.inf) -> Callable[[str], Any]:
     """An argparse type: a number of that kind from `minimum` to `maximum`."""
-    what = "whole number" if kind is int else "number"
-    limits = f"{minimum:g} or more" if maximum == math.inf else f"{minimum:g} to {maximum:g}"
+    what = "an integer" if kind is int else "a number"
+    limits = f">= {minimum:g}" if maximum == math.inf else f"from {minimum:g} to {maximum:g}"
 
     def parse(text: str) -> float:
         try:
@@ -40,7 +40,7 @@ def bounded(kind: type[float] | type[int], minimum: float, maximum: float = math
         except ValueError:
             value = math.nan
         if not minimum <= value <= maximum or value == math.inf:
-            raise argparse.ArgumentTypeError(f"{text} does not do; give a {what}, {limits}")
+            raise argparse.ArgumentTypeError(f"invalid value {text}: expected {what} {limits}")
         return value
 
     return parse
@@ -50,10 +50,10 @@ def seconds(text: str) -> float:
     """An argparse type: a time as seconds, m:ss or h:mm:ss."""
     *before, last = text.split(":")
     if len(before) > 2 or not all(part.isdecimal() for part in before):
-        raise argparse.ArgumentTypeError(f"{text} does not do; give seconds, or a time like 1:05.5")
+        raise argparse.ArgumentTypeError(f"invalid value {text}: expected seconds, or a time like 1:05.5")
     value: float = bounded(float, 0)(last)
     if before and value >= 60:
-        raise argparse.ArgumentTypeError(f"{text} does not do; give less than 60 seconds after a colon")
+        raise argparse.ArgumentTypeError(f"invalid value {text}: expected less than 60 seconds after a colon")
     for place, part in enumerate(reversed(before), 1):
         value += int(part) * 60**place
     return value
@@ -132,7 +132,7 @@ def run_program(main: Callable[[], int]) -> None:
 
 
 class _Unfailing(RawIOBase):
-    """An output whose text is dropped from the moment on at which it cannot be written."""
+    """An output stream that drops the text that cannot be written."""
 
     def __init__(self, output: BufferedIOBase) -> None:
         self._output = output

@@ -22,9 +22,8 @@ from lanes.drive import DriveSettings, detect_stills, make_tracker, prepare_driv
 from lanes.errors import LaneError
 from lanes.images import read_image
 from lanes.labels import NO_POINT
-from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import read_frames
-from lanes.video.reader import TimedFrame
+from lanes.video.reader import MIRRORED_WORDS, TimedFrame
 
 
 def detect_in_video(video: Path, settings: DriveSettings, rows: Sequence[int] | None = None) -> Iterator[dict]:

@@ -26,7 +26,7 @@ from lanes.detect.lane import LOST, POSE_NAMES, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR
 from lanes.draw import draw_lane, track_lane
-from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
+from lanes.errors import ByValue, CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
@@ -38,10 +38,8 @@ from lanes.stills import StillDetection
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
-from lanes.values import ByValue
-from lanes.video.orientation import MIRRORED_WORDS
 from lanes.video.process import process_video, read_frames
-from lanes.video.reader import TimedFrame, VideoInfo, describe_jumps, inspect_video
+from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video
 from lanes.video.robot_log import index_log
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."

@@ -23,11 +23,10 @@ from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.paint import PAINT, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search
-from lanes.errors import CameraError
+from lanes.errors import ByValue, CameraError
 from lanes.stills import StillDetection, detect_still
 from lanes.tracking.pose_change import describe_wrong_yaw
 from lanes.tracking.tracker import LaneTracker
-from lanes.values import ByValue
 from lanes.video.reader import TimedFrame
 
 # Advice if the pose may be wrong: one that was given, and one that was estimated from the files that are explained.

@@ -19,14 +19,13 @@ from lanes.camera import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_f
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
-from lanes.video.log_reader import open_log
-from lanes.video.robot_log import index_log, is_robot_log
+from lanes.video.robot_log import index_log, is_robot_log, open_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
 GIVEN = "as given"
 # Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
-FILM_DIAGONAL_MM = float(np.hypot(36, 24))
+_FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 
 
 @dataclass(frozen=True)
@@ -167,7 +166,7 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
     reason = ""
     files = list(files)
     for file in files:
-        if kind_of_file(file) == "picture":
+        if kind_of_file(file) == "image":
             hfov_deg, why_not = _read_exif(file)
             if hfov_deg:  # it refers to a lens without distortion
                 lens = LENSES[0] if hfov_deg > WIDE_HFOV_DEG else None
@@ -198,7 +197,7 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
     from PIL import ExifTags, Image
 
     try:
-        require_file(still, "picture")
+        require_file(still, "image")
         with warnings.catch_warnings(action="ignore"), Image.open(still) as image:
             entries, size = image.getexif().get_ifd(ExifTags.IFD.Exif), image.size
             focal_mm = float(entries[ExifTags.Base.FocalLengthIn35mmFilm])
@@ -208,7 +207,7 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
                 taken = size
             width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
         diagonal_px = float(np.hypot(*taken))
-        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * FILM_DIAGONAL_MM / 2 / focal_mm)))
+        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * _FILM_DIAGONAL_MM / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None, ""
     # only a part with one side of the whole image was surely cut out and not resized

@@ -43,17 +43,17 @@ STYLE: dict[Any, Any] = {
     "axes.spines.right": False,
     "lines.linewidth": 1.8,
 }
-# Distances ahead that are marked on pictures of a road grid, metres.
-MARKED_M = (5, 10, 20, 40)
+# Distances ahead that are marked on images of a road grid, metres.
+_MARKED_M = (5, 10, 20, 40)
 
 
 def draw_on_road_grid(axis: Axes, image: np.ndarray, x_m: np.ndarray, y_m: np.ndarray, **look: Any) -> None:
-    """Show a picture of the road; the distances x of its rows may grow, so the marks ahead are not even.
+    """Show an image of the road; the distances x of its rows may grow, so the marks ahead are not even.
 
     `x_m` (rows,) are farthest first, `y_m` (columns,) left first.
     """
     axis.imshow(image, extent=(y_m[0], y_m[-1], len(x_m) - 0.5, -0.5), aspect="auto", **look)
-    marked_m = [mark_m for mark_m in MARKED_M if x_m[-1] <= mark_m <= x_m[0]]
+    marked_m = [mark_m for mark_m in _MARKED_M if x_m[-1] <= mark_m <= x_m[0]]
     marks = np.interp(marked_m, x_m[::-1], np.arange(len(x_m))[::-1])
     axis.set_yticks(marks, [f"{mark_m} m" for mark_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
@@ -101,8 +101,8 @@ def figure_kind(path: Path) -> str:
 # Figure of an explanation: one panel per step.
 
 # Width of the plots of the road to either side, metres: that of the bird's-eye view.
-ROAD_HALF_WIDTH_M = 9.0
-HORIZON_COLOUR, FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
+_ROAD_HALF_WIDTH_M = 9.0
+_HORIZON_COLOUR, _FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
 
 def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
@@ -136,7 +136,7 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
             plot(axis, explanation, needed)
         axis.set_title(f"{number} {title}", fontsize=10)
         if failed and failed.name == step:
-            axis.title.set_color(FAILED_COLOUR)
+            axis.title.set_color(_FAILED_COLOUR)
     return figure, axes
 
 
@@ -151,9 +151,9 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
     height, width = explanation.image.shape[:2]
     axis.imshow(undistort(explanation.image, explanation.camera))
     ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
-    axis.plot(*ends.T, color=HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
-    axis.plot(*ends[1], "+", color=HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
-    for x_m in MARKED_M:
+    axis.plot(*ends.T, color=_HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
+    axis.plot(*ends[1], "+", color=_HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
+    for x_m in _MARKED_M:
         mark = camera.road_to_pixels(np.array([[x_m, 4.0], [x_m, -4.0]]))
         axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
         if mark[0, 1] < height:
@@ -228,7 +228,7 @@ def _plot_fit(axis: Axes, explanation: Explanation, fit: Fit) -> None:
     for line, name, colour in zip(explanation.lane.lines, ("left", "right"), (LEFT_COLOUR, RIGHT_COLOUR), strict=True):
         y_m, std_m = line.y(x_m), line.std_m(x_m)
         label = f"{name}: {f'paint on {min(line.support, 1):.0%}' if line.seen else 'inferred'}"
-        std_m[~(np.abs(y_m) <= ROAD_HALF_WIDTH_M)] = np.nan
+        std_m[~(np.abs(y_m) <= _ROAD_HALF_WIDTH_M)] = np.nan
         shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
         if len(shown):
             label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
@@ -251,7 +251,7 @@ def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
 
 
 def _set_road_axes(axis: Axes) -> None:
-    axis.set(xlim=(ROAD_HALF_WIDTH_M, -ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
+    axis.set(xlim=(_ROAD_HALF_WIDTH_M, -_ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
 
 

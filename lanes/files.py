@@ -24,14 +24,15 @@ import numpy as np
 import yaml
 from filelock import FileLock, Timeout
 
-PARTIAL = ".partial"
+_PARTIAL = ".partial"
 # End of the name of what is written next to the video of a robot log; it is unlike that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
 # A second writer waits this long for the lock: as long as it takes to write a small file.
-LOCK_TIMEOUT_S = 1.0
+_LOCK_TIMEOUT_S = 1.0
 # Longer names would leave no room for what is added to the name of a partial file; file systems allow 255 bytes.
-MAX_NAME_BYTES = 230
-# What stands in place of a file; anything else is a device.
+_MAX_NAME_BYTES = 230
+NO_PERMISSION = "{}: permission denied; get read permission, or copy it."
+# What is there instead of a file, by `stat`; anything else is a device.
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
 
 
@@ -40,14 +41,14 @@ def require_file(
 ) -> Path:
     """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
 
-    `kind` is the expected content, for the error message: "picture", "video". Raises FileNotFoundError if the file does
+    `kind` is the expected content, for the error message: "image", "video". Raises FileNotFoundError if the file does
     not exist, otherwise `error`.
     """
     path = Path(path)
     try:
         found = path.stat()
     except PermissionError as refused:
-        raise error(f"{path}: may not be read ({refused.strerror}); ask for the right to, or copy it.") from refused
+        raise error(NO_PERMISSION.format(path)) from refused
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
         raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
     if not stat.S_ISREG(found.st_mode):
@@ -55,7 +56,7 @@ def require_file(
         remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
         raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
     if not os.access(path, os.R_OK):
-        raise error(f"{path}: may not be read (Permission denied); ask for the right to, or copy it.")
+        raise error(NO_PERMISSION.format(path))
     if not found.st_size:
         raise error(f"{path}: the file is empty; copy it again from its source.")
     if max_bytes is not None and found.st_size > max_bytes:
@@ -146,9 +147,9 @@ def list_files(folder: str | Path) -> list[Path]:
     try:
         found = [path for path in folder.iterdir() if path.is_file()]
     except PermissionError as error:
-        raise ValueError(f"{folder}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+        raise ValueError(NO_PERMISSION.format(folder)) from error
     # macOS adds hidden files such as ._board1.png.
-    return [path for path in found if PARTIAL not in path.name and not path.name.startswith(".")]
+    return [path for path in found if _PARTIAL not in path.name and not path.name.startswith(".")]
 
 
 def hash_sources(*sources: Path) -> str:
@@ -159,6 +160,20 @@ def hash_sources(*sources: Path) -> str:
             name = file.relative_to(source).as_posix() if file != source else file.name
             digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:12]
+
+
+def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None) -> Iterator[tuple[int, Any]]:
+    """Number and content of each line of a file of JSON lines, without blank ones; ValueError names a line that is bad.
+
+    `kind` is what a line holds, for the message.
+    """
+    # Not splitlines: it also splits at characters that JSON allows inside strings.
+    for number, line in enumerate(read_text(path, kind, max_bytes=max_bytes).split("\n"), 1):
+        try:
+            if line.strip():
+                yield number, json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise ValueError(f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as JSON.") from error
 
 
 def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
@@ -210,7 +225,7 @@ def remove_partial(path: Path) -> None:
 
 
 @contextmanager
-def locked(path: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
+def locked(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
     """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
     lock = FileLock(path, timeout=timeout_s, thread_local=False)
     try:
@@ -231,9 +246,9 @@ def locked(path: Path, *, timeout_s: float = LOCK_TIMEOUT_S) -> Iterator[None]:
 def partial_files(path: Path) -> tuple[Path, Path]:
     """The partial file of an output, and the lock of its writer; both are in the output's folder."""
     stem = path.stem
-    if len(os.fsencode(path.name)) > MAX_NAME_BYTES:
+    if len(os.fsencode(path.name)) > _MAX_NAME_BYTES:
         stem = f"{stem[:40]}-{zlib.crc32(os.fsencode(stem)):08x}"
-    name = f"{stem}{PARTIAL}{path.suffix}"
+    name = f"{stem}{_PARTIAL}{path.suffix}"
     return path.with_name(name), path.with_name(f"{name}.lock")
 
 

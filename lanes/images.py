@@ -24,10 +24,10 @@ _JPEG = (".jpg", ".jpeg", ".jpe", ".jfif")
 _WRITABLE = (*_JPEG, ".png", ".webp", ".bmp", ".tif", ".tiff", ".avif")
 _QUALITY_OPTIONS = dict.fromkeys(_JPEG, cv2.IMWRITE_JPEG_QUALITY)
 _QUALITY_OPTIONS |= {".webp": cv2.IMWRITE_WEBP_QUALITY, ".avif": cv2.IMWRITE_AVIF_QUALITY}
-# Formats that are read, with Pillow's names, and the ends of the names of pictures and videos.
-READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
-PICTURE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
-VIDEO_NAMES = (
+# Formats that are read, with Pillow's names, and the ends of the names of images and videos.
+_READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
+_IMAGE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
+_VIDEO_NAMES = (
     r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc"
     r"|(bag|db3|mcap)(\.zstd?)?)$"
 )
@@ -42,16 +42,16 @@ _UPRIGHT_AXES = {
     7: ((0, -1), (-1, 0)),
     8: ((0, 1), (-1, 0)),
 }
-# Four times an 8K video's. A header can claim 4,000 million. Pillow refuses pictures of more than 179 million.
+# Four times an 8K video's. A header can claim 4,000 million. Pillow refuses images of more than 179 million.
 MAX_PIXELS = 128_000_000
 # Size of an incompressible PNG with MAX_PIXELS.
-MAX_PICTURE_BYTES = 3 * MAX_PIXELS
+_MAX_IMAGE_BYTES = 3 * MAX_PIXELS
 
 
 def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
     """The image, contiguous in memory as OpenCV and FFmpeg need it: a copy only of a view with other strides.
 
-    The path of a picture stands for its image. Raises PictureError if it is not an array (height, width, 3), uint8,
+    The path of a still stands for its image. Raises PictureError if it is not an array (height, width, 3), uint8,
     with at least one pixel, and what `read_image` raises.
     """
     if isinstance(image, str | Path):
@@ -77,11 +77,11 @@ def to_rgb(image: np.ndarray) -> np.ndarray:
     return require_rgb(image).copy()
 
 
-def kind_of_file(path: str | Path) -> Literal["picture", "video"] | None:
+def kind_of_file(path: str | Path) -> Literal["image", "video"] | None:
     """What a file is by the end of its name; None if that says neither."""
-    if re.search(PICTURE_NAMES, str(path), re.IGNORECASE):
-        return "picture"
-    return "video" if re.search(VIDEO_NAMES, str(path), re.IGNORECASE) else None
+    if re.search(_IMAGE_NAMES, str(path), re.IGNORECASE):
+        return "image"
+    return "video" if re.search(_VIDEO_NAMES, str(path), re.IGNORECASE) else None
 
 
 def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
@@ -92,18 +92,18 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
     truncated, damaged, too large, of another format, or holds several images.
     """
     # Imported here: commands that read videos only start sooner.
-    from PIL import Image, ImageOps
+    from PIL import Image
 
-    path = require_file(path, "picture", error=PictureError, max_bytes=MAX_PICTURE_BYTES)
+    path = require_file(path, "image", error=PictureError, max_bytes=_MAX_IMAGE_BYTES)
     try:
         # warnings about entries of no importance here, such as EXIF
-        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=READ_FORMATS) as picture:
-            # MPO is a JPEG with previews behind the picture
-            images, bits = 1 if picture.format == "MPO" else getattr(picture, "n_frames", 1), picture.mode
-            image = np.array((ImageOps.exif_transpose(picture) if upright else picture).convert("RGB"))
+        with warnings.catch_warnings(action="ignore"), Image.open(path, formats=_READ_FORMATS) as opened:
+            # MPO is a JPEG with previews behind the image
+            images, bits = 1 if opened.format == "MPO" else getattr(opened, "n_frames", 1), opened.mode
+            image = make_upright(np.array(opened.convert("RGB")), orientation_of(opened) if upright else 1)
     except Exception as error:  # a damaged file makes Pillow raise many types
         raise PictureError(
-            f"{path}: cannot be decoded as a picture ({error}): it is cut off, damaged, too large, or not a JPEG, PNG, "
+            f"{path}: cannot be decoded as an image ({error}): it is cut off, damaged, too large, or not a JPEG, PNG, "
             "WebP, BMP, TIFF or AVIF; copy it again from its source, or convert it to JPEG with the photo app."
         ) from error
     if images > 1:
@@ -118,21 +118,39 @@ def upright_axes(orientation: int) -> np.ndarray:
     return np.array(_UPRIGHT_AXES.get(orientation, _UPRIGHT_AXES[1]))
 
 
+def is_transposed(orientation: int) -> bool:
+    """Whether the rows of the stored image are columns of the upright one."""
+    return orientation >= 5
+
+
+def make_upright(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The upright image (rows, columns, ...), contiguous, of a stored one."""
+    right, down = upright_axes(orientation).sum(axis=1)
+    turned = np.swapaxes(image, 0, 1) if is_transposed(orientation) else image
+    return np.ascontiguousarray(turned[::down, ::right])
+
+
+def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
+    """The stored image, contiguous, of an upright one: the inverse of `make_upright`."""
+    # only the quarter turns are not their own inverses
+    return make_upright(image, {6: 8, 8: 6}.get(orientation, orientation))
+
+
 def read_orientation(path: str | Path) -> int:
-    """The EXIF orientation of a picture, 1 to 8; 1, which is upright, if it has none or cannot be read."""
+    """The EXIF orientation of a still, 1 to 8; 1, which is upright, if it has none or cannot be read."""
     from PIL import Image
 
     try:
-        with warnings.catch_warnings(action="ignore"), Image.open(path) as picture:
-            return orientation_of(picture)
+        with warnings.catch_warnings(action="ignore"), Image.open(path) as opened:
+            return orientation_of(opened)
     except Exception:  # damaged files make Pillow raise many types, and are refused where they are decoded
         return 1
 
 
-def orientation_of(picture: Any) -> int:
-    """The EXIF orientation of a picture that Pillow has opened, 1 to 8; 1 if it has none."""
+def orientation_of(opened: Any) -> int:
+    """The EXIF orientation of an image that Pillow has opened, 1 to 8; 1 if it has none."""
     # OpenCV and Pillow turn a TIFF themselves.
-    orientation = 1 if picture.format == "TIFF" else picture.getexif().get(0x0112, 1)
+    orientation = 1 if opened.format == "TIFF" else opened.getexif().get(0x0112, 1)
     return orientation if orientation in _UPRIGHT_AXES else 1
 
 
@@ -140,7 +158,7 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
     """Write an RGB image (height, width, 3), uint8, atomically in the format of its suffix; returns the path.
 
     The folder is created where needed. `jpeg_quality`, 1 to 100, is also that of WebP; 92 keeps edges clean at about a
-    fifth of the size of PNG. Raises PictureError if `image` is not RGB or the suffix is that of no format written,
+    fifth of the size of PNG. Raises PictureError if `image` is not RGB or the suffix is not supported,
     OSError if the file cannot be written.
     """
     path = Path(path)

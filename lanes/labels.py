@@ -8,7 +8,6 @@ Optional are `sides` (the name of each line, "left" and "right" for the ego lane
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -17,7 +16,7 @@ from unicodedata import normalize
 
 import numpy as np
 
-from lanes.files import read_text
+from lanes.files import read_json_lines
 from lanes.images import MAX_PIXELS
 
 NO_POINT, EGO_SIDES = -2.0, ("left", "right")
@@ -143,16 +142,13 @@ def _parts(name: str) -> tuple[str, ...]:
 def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None) -> list[LaneColumns]:
     """The lines in a file; predictions without `h_samples` are at the rows in `rows_of`, or left out."""
     found = []
-    # Not splitlines: it also splits at characters that JSON allows inside strings.
-    lines = read_text(path, kind, max_bytes=MAX_LABEL_FILE_BYTES).split("\n")
-    for number, line in ((number, line) for number, line in enumerate(lines, 1) if line.strip()):
+    for number, entry in read_json_lines(path, kind, max_bytes=MAX_LABEL_FILE_BYTES):
         try:
-            entry = json.loads(line)
             name = entry["raw_file"].replace("\\", "/")  # a file written on Windows has backslashes
             of_label = None if rows_of is None else rows_of.get(normalize("NFC", name))
             if rows_of is None or "h_samples" in entry or of_label is not None:
                 found.append(_parse(name, entry.get("h_samples", of_label), entry))
-        except (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+        except (AttributeError, KeyError, TypeError, ValueError, OverflowError) as error:
             reason = f"entry {error} is missing" if isinstance(error, KeyError) else str(error)
             needs = "it needs raw_file, h_samples, and lanes with a column for each of these rows"
             raise ValueError(f"{path}: line {number} is not a {kind} ({reason:.200}); {needs}.") from error

@@ -25,10 +25,10 @@ from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translat
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.robot_log import LogIndex
 
-TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
-TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
+_TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
+_TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
 # Shares of the reach of a line that have a point; width of lines; opacity of one that is seen, and of one that is not.
-SHARES, WIDTH_M, SEEN_ALPHA, INFERRED_ALPHA = np.linspace(0, 1, 24) ** 2, 0.12, 1.0, 0.4
+SHARES, WIDTH_M, _SEEN_ALPHA, INFERRED_ALPHA = np.linspace(0, 1, 24) ** 2, 0.12, 1.0, 0.4
 
 
 @contextmanager
@@ -66,7 +66,7 @@ class LaneMessageWriter(TelemetryWriter):
         self._tracker, self._writer, self._store = tracker, writer, store
         self._stamps_ns = dict(zip(log.numbers.tolist(), log.stamps_ns.tolist(), strict=True))
         add = writer.add_connection
-        self._topics = {name: add(f"/lane/{name}", kind, typestore=store) for name, kind in TYPES.items()}
+        self._topics = {name: add(f"/lane/{name}", kind, typestore=store) for name, kind in _TYPES.items()}
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Append a row, and the messages of its frame."""
@@ -91,7 +91,7 @@ class LaneMessageWriter(TelemetryWriter):
             offset_m = lane.camera.offset_m if lane and lane.camera else 0.0
             yz_m = (line.y(x_m) + offset_m, road_height(line.model, x_m)) if line else ()
             points = [t["Point"](*xyz) for xyz in np.column_stack([x_m, *yz_m]) if line and np.isfinite(xyz).all()]
-            rgba = t["ColorRGBA"](*colour, SEEN_ALPHA if line and line.seen else INFERRED_ALPHA)
+            rgba = t["ColorRGBA"](*colour, _SEEN_ALPHA if line and line.seen else INFERRED_ALPHA)
             action = t["Marker"].ADD if points else t["Marker"].DELETE
             what = (header, "lane", number, t["Marker"].LINE_STRIP, action, pose, scale, rgba, t["Duration"](0, 0))
             markers.append(t["Marker"](*what, False, points, [], "", texture, [], "", "", mesh, False))

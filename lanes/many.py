@@ -39,7 +39,7 @@ RETRIES = 2
 CONNECT_TIMEOUT_S = 10
 # Table of all drives, in the output folder, and its columns with numbers.
 SUMMARY = Path("summary", "drives.csv")
-MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s")
+_MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s")
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +101,7 @@ def annotate_many(
         except (FileNotFoundError, VideoError) as error:
             failed[video] = error
             continue
-        if drive := read_finished(job):
+        if drive := _read_finished(job):
             finished.append(drive)
         else:
             unfinished.append(job)
@@ -135,7 +135,7 @@ def _summary_rows(finished: Sequence[FinishedDrive], failed: Mapping[Path, Excep
     for video, error in sorted(failed.items()):
         yield {"drive": video.stem, "state": "failed", "reason": str(error), "source": str(video)}
     for drive in sorted(finished, key=lambda drive: (drive.tracked_share, -drive.lost_s, drive.fingerprint["source"])):
-        video, measures = Path(drive.fingerprint["source"]), {name: getattr(drive, name) for name in MEASURES}
+        video, measures = Path(drive.fingerprint["source"]), {name: getattr(drive, name) for name in _MEASURES}
         yield {"drive": video.stem, "state": "finished", **measures, "source": str(video)}
 
 
@@ -159,17 +159,17 @@ def all_versions() -> dict[str, str]:
     return {**versions(), "lanes": hash_sources(Path(lanes.__file__).parent)}
 
 
-def read_finished(job: DriveJob) -> FinishedDrive | None:
+def _read_finished(job: DriveJob) -> FinishedDrive | None:
     """The manifest of a drive if it is finished, else None. An unreadable or foreign file counts as no manifest."""
     try:
         drive = FinishedDrive(**json.loads(read_text(job.manifest, "manifest", max_bytes=1_000_000)))
     except (OSError, ValueError, TypeError, RecursionError):
         return None
-    valid = all(isinstance(getattr(drive, name), int | float) for name in MEASURES)
-    return drive if valid and (drive.fingerprint, drive.outputs) == (job.fingerprint, output_sizes(job)) else None
+    valid = all(isinstance(getattr(drive, name), int | float) for name in _MEASURES)
+    return drive if valid and (drive.fingerprint, drive.outputs) == (job.fingerprint, _output_sizes(job)) else None
 
 
-def output_sizes(job: DriveJob) -> dict[str, int]:
+def _output_sizes(job: DriveJob) -> dict[str, int]:
     """Sizes in bytes, by name, of the outputs of a drive that exist."""
     return {path.name: path.stat().st_size for path in job.outputs if path.is_file()}
 
@@ -183,7 +183,7 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
     Raises any other error, such as that of a full disk, so that Dask repeats the task.
     """
     # An earlier worker may have finished the drive and died before it returned.
-    if finished := read_finished(job):
+    if finished := _read_finished(job):
         return finished
     worker, wanted = platform.node(), job.fingerprint["versions"]
     if other := ", ".join(f"{name} {found}" for name, found in all_versions().items() if found != wanted[name]):
@@ -207,7 +207,7 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
         return failed
     time_s, length_s = result.telemetry["time_s"], float(frame_lengths_s(result.telemetry["time_s"]).sum())
     measures = share_tracked(result.telemetry), seconds_lost(result.telemetry), len(time_s), result.missing, length_s
-    drive = FinishedDrive(job.fingerprint, output_sizes(job), result.description, *measures)
+    drive = FinishedDrive(job.fingerprint, _output_sizes(job), result.description, *measures)
     write_atomically(job.manifest, json.dumps(asdict(drive), indent=1).encode(errors="replace"))
     return drive
 
@@ -219,7 +219,7 @@ def _outcome(job: DriveJob, future: Future) -> FinishedDrive | Exception:
     """The result of a task, whose outputs must be visible on this machine, or an error that names the video."""
     outcome = future.result() if future.status == "finished" else future.exception()
     if isinstance(outcome, FinishedDrive):
-        unseen = sorted(dict(outcome.outputs.items() - output_sizes(job).items()))
+        unseen = sorted(dict(outcome.outputs.items() - _output_sizes(job).items()))
         if not unseen:
             return outcome
         words = f"its worker wrote {', '.join(unseen)}, but not into {job.settings.output} as seen from here; "

@@ -27,7 +27,7 @@ from lanes.camera import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR, DetectorSettings
-from lanes.errors import CameraError, PoseError, require_type
+from lanes.errors import ByValue, CameraError, PoseError, require_type
 from lanes.field_of_view import find_camera
 from lanes.images import require_rgb
 from lanes.pose_votes import (
@@ -45,7 +45,6 @@ from lanes.pose_votes import (
 )
 from lanes.sources import find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
-from lanes.values import ByValue
 from lanes.vanishing_point import AHEAD, Direction, find_edge_direction
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere

@@ -13,14 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.files import MESSAGES_SUFFIX, list_files, require_no_input_among
+from lanes.files import MESSAGES_SUFFIX, NO_PERMISSION, list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
-from lanes.video.log_reader import is_bag_folder
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
-from lanes.video.robot_log import is_robot_log
+from lanes.video.robot_log import is_bag_folder, is_robot_log
 
 # Reading this much of a video takes about as long as reopening it at another time.
-SEEK_S = 2.0
+_SEEK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -44,28 +43,26 @@ def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
     Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Pictures and videos are distinguished by their names
-    (`kind_of_file`). A file named directly that is not a picture is read as a video. Raises FileNotFoundError for a
+    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Images and videos are distinguished by their names
+    (`kind_of_file`). A file named directly that is not an image is read as a video. Raises FileNotFoundError for a
     name that stands for no file.
     """
     files: dict[Path, str] = {}
     skipped: list[Path] = []
     names = list(names)
     if not names:
-        raise FileNotFoundError(
-            "no file is named; give a picture, a video, a folder or a pattern such as drives/*.mp4."
-        )
+        raise FileNotFoundError("no file is named; give an image, a video, a folder or a pattern such as drives/*.mp4.")
     for name in names:
         in_folder = bool(name) and Path(name).is_dir() and not is_bag_folder(name)
         found = {path: path.name.endswith(MESSAGES_SUFFIX) for path in _files(name)}
         kinds = {p: None if own else kind_of_file(p) or (None if in_folder else "video") for p, own in found.items()}
         skipped += [path for path, kind in kinds.items() if kind is None]
         if in_folder and not any(kinds.values()):
-            raise FileNotFoundError(f"{name}: holds neither a video nor a picture; name another folder.")
+            raise FileNotFoundError(f"{name}: holds neither a video nor an image; name another folder.")
         files |= {path: kind for path, kind in kinds.items() if kind}
     if skipped and not files:
         raise FileNotFoundError(f"{skipped[0]}: was written by annotate; name the log that it is of.")
-    videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "picture"))
+    videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "image"))
     return Sources(videos, stills, tuple(skipped))
 
 
@@ -93,7 +90,7 @@ def _files(name: str) -> list[Path]:
     try:
         path.exists()
     except PermissionError as error:
-        raise ValueError(f"{name}: may not be read ({error.strerror}); ask for the right to, or copy it.") from error
+        raise ValueError(NO_PERMISSION.format(name)) from error
     if name and path.is_dir() and not is_bag_folder(path):
         found = list_files(path)
     elif name and path.exists():
@@ -107,7 +104,7 @@ def _files(name: str) -> list[Path]:
 
 def read_turn(file: Path) -> int:
     """The EXIF orientation of a still, or that which the display matrix of a video stands for."""
-    return read_orientation(file) if kind_of_file(file) == "picture" else inspect_turn(file)
+    return read_orientation(file) if kind_of_file(file) == "image" else inspect_turn(file)
 
 
 def sample_images(
@@ -128,7 +125,7 @@ def sample_images(
     """
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
-        if kind_of_file(file) == "picture":
+        if kind_of_file(file) == "image":
             candidates.append((file, None))
         else:
             info = (infos or {}).get(file) or inspect_video(file, topic=topic)
@@ -153,11 +150,11 @@ def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s
 
 
 def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: str | None) -> Iterator[np.ndarray]:
-    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `SEEK_S` ahead."""
+    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `_SEEK_S` ahead."""
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:
-        if time_s > now_s + SEEK_S:
+        if time_s > now_s + _SEEK_S:
             frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
         try:
             frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)

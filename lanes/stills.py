@@ -25,7 +25,7 @@ from lanes.errors import require_type
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
-SAME_LINE_SHARE = 0.02
+_SAME_LINE_SHARE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,7 +164,7 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
     """
     first, second = columns[:, None], columns[None]
     common = (first >= 0) & (second >= 0)
-    near = common & (np.abs(first - second) < SAME_LINE_SHARE * camera.width)
+    near = common & (np.abs(first - second) < _SAME_LINE_SHARE * camera.width)
     count = common.sum(axis=-1)
     enough = (near.sum(axis=-1) >= 0.8 * count) & (count >= 4)
     return enough.all(axis=-1) | np.eye(len(columns), dtype=bool)

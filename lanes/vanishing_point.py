@@ -13,19 +13,19 @@ import numpy as np
 from lanes.camera import Camera
 
 # Prior of pitch and yaw: cameras are aimed ahead by hand. The yaw contains the heading of the car.
-PRIOR_PITCH_STD_RAD, PRIOR_YAW_STD_RAD = np.radians(6.0), np.radians(10.0)
+_PRIOR_PITCH_STD_RAD, _PRIOR_YAW_STD_RAD = np.radians(6.0), np.radians(10.0)
 # Angles that are tried. The prior alone has a standard deviation of 4.8 degrees on this grid of pitches.
-PITCH_GRID_RAD, YAW_GRID_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
+_PITCH_GRID_RAD, _YAW_GRID_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
 # Standard deviations of an edge's direction, because roads are not quite straight, and of the position of its ends, in
 # ray coordinates: 1.5 px at a focal length of 1000 px.
-DIRECTION_STD_RAD, END_STD = np.radians(1.0), 0.0015
+_DIRECTION_STD_RAD, _END_STD = np.radians(1.0), 0.0015
 # An edge has a vote for each of these lengths, in ray coordinates, up to four.
-VOTE_LENGTH = 0.05
+_VOTE_LENGTH = 0.05
 
 
 # Pitch and yaw of a camera, radians, each with its standard deviation; of a camera of which nothing is known.
 Direction = tuple[tuple[float, float], tuple[float, float]]
-AHEAD: Direction = ((0.0, float(PRIOR_PITCH_STD_RAD)), (0.0, float(PRIOR_YAW_STD_RAD)))
+AHEAD: Direction = ((0.0, float(_PRIOR_PITCH_STD_RAD)), (0.0, float(_PRIOR_YAW_STD_RAD)))
 
 
 def find_edge_direction(images: list[np.ndarray], camera: Camera) -> Direction:
@@ -34,16 +34,16 @@ def find_edge_direction(images: list[np.ndarray], camera: Camera) -> Direction:
     The images are (height, width, 3), uint8. Where no edges converge, the result is the prior: a camera that looks
     ahead.
     """
-    votes = np.zeros((len(PITCH_GRID_RAD), len(YAW_GRID_RAD)))
+    votes = np.zeros((len(_PITCH_GRID_RAD), len(_YAW_GRID_RAD)))
     for image in images:
         middle, along = _find_edges(image, camera)
-        votes += _vote(middle, along, np.minimum(np.hypot(*along.T) / VOTE_LENGTH, 4.0))
-    pitch_penalty = 0.5 * (PITCH_GRID_RAD / PRIOR_PITCH_STD_RAD)[:, None] ** 2
-    log_prior = -pitch_penalty - 0.5 * (YAW_GRID_RAD / PRIOR_YAW_STD_RAD) ** 2
+        votes += _vote(middle, along, np.minimum(np.hypot(*along.T) / _VOTE_LENGTH, 4.0))
+    pitch_penalty = 0.5 * (_PITCH_GRID_RAD / _PRIOR_PITCH_STD_RAD)[:, None] ** 2
+    log_prior = -pitch_penalty - 0.5 * (_YAW_GRID_RAD / _PRIOR_YAW_STD_RAD) ** 2
     # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
     log_posterior = votes / 2.0 + log_prior
     posterior = np.exp(log_posterior - log_posterior.max())
-    return mode_and_std(PITCH_GRID_RAD, posterior.sum(axis=1)), mode_and_std(YAW_GRID_RAD, posterior.sum(axis=0))
+    return _mode_and_std(_PITCH_GRID_RAD, posterior.sum(axis=1)), _mode_and_std(_YAW_GRID_RAD, posterior.sum(axis=0))
 
 
 def _find_edges(image: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
@@ -63,16 +63,16 @@ def _find_edges(image: np.ndarray, camera: Camera) -> tuple[np.ndarray, np.ndarr
 def _vote(middle: np.ndarray, along: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """Sum of the weights of the edges that point at the vanishing point of each pitch and yaw: (pitches, yaws)."""
     length = np.hypot(*along.T)
-    to_x = np.tan(YAW_GRID_RAD)[:, None] / np.cos(PITCH_GRID_RAD)[:, None, None] - middle[:, 0]
-    to_y = -np.tan(PITCH_GRID_RAD)[:, None, None] - middle[:, 1]
+    to_x = np.tan(_YAW_GRID_RAD)[:, None] / np.cos(_PITCH_GRID_RAD)[:, None, None] - middle[:, 0]
+    to_y = -np.tan(_PITCH_GRID_RAD)[:, None, None] - middle[:, 1]
     distance = np.hypot(to_x, to_y)
-    angle = np.abs(to_x * along[:, 1] - to_y * along[:, 0]) / length / np.maximum(distance, VOTE_LENGTH)
-    std = np.hypot(DIRECTION_STD_RAD, END_STD / length)
+    angle = np.abs(to_x * along[:, 1] - to_y * along[:, 0]) / length / np.maximum(distance, _VOTE_LENGTH)
+    std = np.hypot(_DIRECTION_STD_RAD, _END_STD / length)
     # An edge that contains the point does not lead there.
     return (weight * np.exp(-0.5 * (angle / std) ** 2) * (distance > length / 2)).sum(axis=-1)
 
 
-def mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
+def _mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
     """Maximum of a density given on a grid, and the standard deviation about it."""
     mode = float(values[np.argmax(density)])
     return mode, float(np.sqrt(np.average((values - mode) ** 2, weights=density)))

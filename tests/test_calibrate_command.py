@@ -44,8 +44,8 @@ def test_folder_gives_camera_file_table_and_sheet(folder, run):
     assert table["a.png"].endswith("  used")
     assert table["wall.png"].endswith("-  no chessboard of 9x6 inner corners, nor a part of one")
     assert "pixels, the others 1280x720; take all with one setting" in table["square.png"]
-    assert "broken.jpg: cannot be decoded as a picture" in table["broken.jpg"]
-    assert "5 of 8 pictures used, error 0." in out
+    assert "broken.jpg: cannot be decoded as an image" in table["broken.jpg"]
+    assert "5 of 8 images used, error 0." in out
     assert "no corners in these regions" in out
     assert out.endswith("wrote out/lens.yaml\nwrote out/sheet.png\n")
     assert read_image(folder / "out" / "sheet.png").shape == (2 * (225 + 44 + 12), 5 * (400 + 12), 3)
@@ -62,6 +62,6 @@ def test_the_sheet_is_written_when_the_calibration_is_refused(folder, run):
 def test_misuse_gives_a_message(run):
     """See also the table in tests/test_cli.py."""
     status, _, err = run("a.png", "b.png", "-o", "no.yaml")
-    assert status == 2 and "calibration needs at least 3, better 15; take more pictures" in err
+    assert status == 2 and "calibration needs at least 3, better 15; take more images" in err
     status, _, err = run("a.png", "b.png", "c.png", "d.png", "-o", "a.png/camera.yaml")
     assert status == 1 and "camera.yaml: cannot be written" in err

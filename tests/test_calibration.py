@@ -131,10 +131,10 @@ class TestReport:
         uses = {line.split()[0]: line for line in text.splitlines()}
         assert uses["board2.jpg"].endswith(f"{camera.report.board_rms_px['board2.jpg']:.2f}  used")
         assert uses["board17.jpg"].endswith("  used, 6x5 corners of the board")
-        assert uses["board8.jpg"].endswith("  used, picture of 1281x721")
+        assert uses["board8.jpg"].endswith("  used, image of 1281x721")
         assert re.search(r"  -  error \d\.\d\d px, more than 2.5 times", uses["board9.jpg"])
         assert uses["wall.jpg"].endswith("  -  no chessboard")
-        assert "9 of 11 pictures used, error 0.0" in text and "focal length 115" in text
+        assert "9 of 11 images used, error 0.0" in text and "focal length 115" in text
 
 
 def wide_boards(fov_deg: float) -> tuple[Camera, dict[str, Board]]:

@@ -143,7 +143,7 @@ class TestSizes:
         assert scaled.size == size and scaled.pose == DASHCAM.pose
 
     def test_another_aspect_ratio_cannot_be_rescaled(self):
-        with pytest.raises(CameraError, match="640x480 picture has another aspect ratio than the calibrated 1280x720"):
+        with pytest.raises(CameraError, match="640x480 image has another aspect ratio than the calibrated 1280x720"):
             DASHCAM.scaled((640, 480))
 
     @pytest.mark.parametrize(

@@ -180,9 +180,9 @@ DETECT = "detect --camera {drive}/drive.yaml"
 # Exit status, words of the message, and the command; -o is added where it has none.
 MISUSE = {
     "no chessboard": (2, "no chessboard", "annotate --boards {drive}/sky {drive}/drive.mp4"),
-    "not a number": (2, "wide does not do", "annotate --hfov wide {drive}/drive.mp4"),
-    "not finite": (2, "nan does not do", f"{ANNOTATE} {{drive}}/drive.mp4 --start nan"),
-    "negative start": (2, "0 or more", f"{ANNOTATE} {{drive}}/drive.mp4 --start=-1"),
+    "not a number": (2, "invalid value wide", "annotate --hfov wide {drive}/drive.mp4"),
+    "not finite": (2, "invalid value nan", f"{ANNOTATE} {{drive}}/drive.mp4 --start nan"),
+    "negative start": (2, ">= 0", f"{ANNOTATE} {{drive}}/drive.mp4 --start=-1"),
     "ends before it starts": (2, "not after --start", f"{ANNOTATE} {{drive}}/drive.mp4 --start 2 --end 1"),
     "starts after the end": (2, "lasts 0.8 s; begin before", f"{ANNOTATE} {{drive}}/drive.mp4 --start 50"),
     "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
@@ -202,7 +202,7 @@ MISUSE = {
     "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
     "detect: one row": (2, "700 contains no rows", f"{DETECT} {{drive}}/stills --rows 700"),
     "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
-    "detect: odd lens": (2, "give a number, 10 to 150", "detect --hfov 5 {drive}/sky"),
+    "detect: odd lens": (2, "expected a number from 10 to 150", "detect --hfov 5 {drive}/sky"),
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
     "detect: each of a video": (2, "drive.mp4: is no still", "detect --each {drive}/drive.mp4"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),

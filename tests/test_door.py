@@ -37,7 +37,7 @@ def test_a_path_stands_for_its_image(still):
     assert str(lanes.explain(still, SMALL)) == lanes.explain(IMAGE, SMALL).describe()
     with pytest.raises(lanes.PictureError, match=r"still\.png: is 640x360 pixels, but the camera .* 1280x720"):
         lanes.find_lane(still, lanes.Camera.from_fov((1280, 720), 60, SMALL.pose))
-    with pytest.raises(FileNotFoundError, match=r"gone\.png: there is no such picture file"):
+    with pytest.raises(FileNotFoundError, match=r"gone\.png: there is no such image file"):
         lanes.find_lane("gone.png", SMALL)
 
 

@@ -85,7 +85,7 @@ def test_only_files_are_replaced(tmp_path, kind, words):
 
 
 def test_a_second_writer_is_refused_until_the_first_one_ends(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "LOCK_TIMEOUT_S", 0.1)
+    monkeypatch.setattr(files, "_LOCK_TIMEOUT_S", 0.1)
     with atomic_write(tmp_path / "a.txt") as partial:
         with pytest.raises(OSError, match=r"a\.txt: cannot be written \(another run is writing it; wait"):
             write_atomically(tmp_path / "a.txt", b"second")

@@ -417,7 +417,7 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, change
     ("size", "changes", "named"),
     [
         ((300, 300), {"roi": region(120, 100, 400, 200)}, "that of 400x200 pixels, but the images have 300x300"),
-        ((300, 300), {}, "300x300 picture has another aspect ratio than the calibrated 640x360"),
+        ((300, 300), {}, "300x300 image has another aspect ratio than the calibrated 640x360"),
         ((640, 360), {"distortion_model": "ftheta"}, "distortion model 'ftheta' is not supported"),
     ],
 )

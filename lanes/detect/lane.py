@@ -30,7 +30,7 @@ from lanes.detect.road import (
     propagated_std,
     road_height,
 )
-from lanes.values import ByValue
+from lanes.errors import ByValue
 
 if TYPE_CHECKING:
     from lanes.tracking.departure import Departure

@@ -26,7 +26,7 @@ from lanes.files import parse_yaml, read_text, require_file
 Markings = Callable[[np.ndarray], np.ndarray]
 # The centre of a stripe is that of the mask within this distance, if it has this share of the largest probability
 # there, and if the mean is below the other share of it: else it is an area. Larger probabilities are no more certain.
-REACH_M, CENTRE_SHARE, AREA_SHARE, MAX_PROBABILITY = 0.75, 0.5, 0.9, 0.99
+REACH_M, _CENTRE_SHARE, _AREA_SHARE, _MAX_PROBABILITY = 0.75, 0.5, 0.9, 0.99
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,8 +50,8 @@ def thin(probability: np.ndarray, view: BirdsEyeView, settings: PaintSettings = 
     kernels = np.ones(2 * reach + 1), np.arange(-reach, reach + 1.0)
     mass, moment = (cv2.sepFilter2D(probability, -1, k, np.ones(1), borderType=cv2.BORDER_REPLICATE) for k in kernels)
     columns = moment / np.maximum(mass, 1e-6)
-    top = np.minimum(cv2.dilate(probability, np.ones((1, 2 * reach + 1))), MAX_PROBABILITY)
-    is_line = (probability > CENTRE_SHARE * top) & (mass < AREA_SHARE * top * (2 * reach + 1))
+    top = np.minimum(cv2.dilate(probability, np.ones((1, 2 * reach + 1))), _MAX_PROBABILITY)
+    is_line = (probability > _CENTRE_SHARE * top) & (mass < _AREA_SHARE * top * (2 * reach + 1))
     strength = settings.half_weight_strength * np.sqrt(top / (1 - top)) * (1 - (columns / 3) ** 2)
     return np.where(is_line & (np.abs(columns) <= 1.5) & view.seen, strength, np.float32(0))
 

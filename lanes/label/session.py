@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import numpy as np
 
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
-from lanes.files import read_text, write_json_lines
+from lanes.files import read_json_lines, write_json_lines
 from lanes.images import read_image, write_image
 from lanes.label.curve import fit_line, label_rows
 from lanes.sources import sample_images
@@ -123,7 +122,7 @@ def _require_marks(points: Any, size: tuple[int, int]) -> list[np.ndarray]:
 
 def _read_labels(path: Path) -> dict[str, dict[str, Any]]:
     try:
-        lines = filter(str.strip, read_text(path, "label").split("\n") if path.exists() else [])
-        return {label["raw_file"]: label for label in map(json.loads, lines)}
+        lines = read_json_lines(path, "label") if path.exists() else ()
+        return {label["raw_file"]: label for _, label in lines}
     except (ValueError, TypeError, LookupError) as error:
         raise LaneError(f"{path}: its labels cannot be used ({error}); repair it, or move it away.") from error

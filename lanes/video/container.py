@@ -11,17 +11,18 @@ from typing import Any
 import av
 import numpy as np
 from av.container import InputContainer
+from av.sidedata.sidedata import Type as SideDataType
 
 from lanes.errors import VideoError
 from lanes.files import require_file
-from lanes.images import MAX_PIXELS
+from lanes.images import MAX_PIXELS, upright_axes
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
 FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
 # Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of presentation times are wrong for
 # reordered frames and at gaps; players show a frame at the place of the packet that completes it.
-WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
+_WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 # Frame rates that a 32-bit clock and the tracker can handle.
 MIN_FPS, MAX_FPS = Fraction(1, 10), 1000
 # A larger step back in time is a recorder's restarted clock, as in concatenated clips.
@@ -35,9 +36,9 @@ MAX_OUTLIERS = 4
 # The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
 MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
 # A smaller share of the base rate is an average rate that may include jumps in time.
-MIN_RATE_SHARE = 0.9
+_MIN_RATE_SHARE = 0.9
 # The rate is constant if average rate and base rate differ by a smaller share than this.
-SAME_RATE = 0.02
+_SAME_RATE = 0.02
 NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 
 
@@ -66,7 +67,7 @@ def open_video(path: str | Path) -> InputContainer:
 
 def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
     """The undamaged frames of a video stream in order."""
-    placed, last = container.format.name in WITHOUT_PRESENTATION_TIMES, None
+    placed, last = container.format.name in _WITHOUT_PRESENTATION_TIMES, None
     for packet in read_packets(container, stream):
         for frame in decode_packet(packet):
             if placed:
@@ -81,6 +82,18 @@ def _frame_ticks(stream: av.VideoStream) -> int:
     """Length of a frame in units of the stream's time base, at its rate; at least 1."""
     rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
     return max(round(1 / (rate * tick)), 1) if rate and tick else 1
+
+
+def frame_orientation(frame: av.VideoFrame) -> int:
+    """The EXIF orientation of a frame by its display matrix, to the nearest quarter turn; 1 without one."""
+    side_data: Any = frame.side_data  # PyAV's types know its numbers only
+    matrix = side_data.get(SideDataType.DISPLAYMATRIX)
+    if matrix is None:
+        return 1
+    # of a row vector (column, row) in the stored image to one on the screen (libavutil/display.h)
+    a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
+    axes = np.sign([(a, 0), (0, d)] if abs(a) >= abs(c) else [(0, c), (b, 0)])
+    return next((n for n in range(1, 9) if (upright_axes(n) == axes).all()), 1)
 
 
 def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
@@ -108,7 +121,7 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if rate < MIN_FPS or rate < MIN_RATE_SHARE * float(stream.guessed_rate or rate):
+    if rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate):
         steps = np.diff(frame_stamps(path))
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():
@@ -120,7 +133,7 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
 
 def rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
     """Whether the average rate of a stream is also that of its steps."""
-    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < SAME_RATE
+    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < _SAME_RATE
 
 
 def frame_stamps(path: str | Path) -> np.ndarray:
@@ -150,7 +163,7 @@ def start_time(path: str | Path) -> Fraction:
 def _start_time(path: str, *version: int) -> Fraction:
     with open_video(path) as container:
         stream, stamps = container.streams.video[0], []
-        placed = container.format.name in WITHOUT_PRESENTATION_TIMES
+        placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
         for packet in read_packets(container, stream):
             if packet.size and not packet.is_discard and packet.pts is not None:
                 stamps.append(packet.dts if placed else packet.pts)

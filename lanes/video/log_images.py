@@ -21,14 +21,14 @@ _RGB, _BGR, _RGBA, _BGRA = (3, None), (3, cv2.COLOR_BGR2RGB), (4, cv2.COLOR_RGBA
 _MONO = (1, cv2.COLOR_GRAY2RGB)
 _COLOURS: dict[str, tuple[int, int | None]] = {"rgb": _RGB, "bgr": _BGR, "rgba": _RGBA, "bgra": _BGRA, "mono": _MONO}
 _BITS = (8, 10, 12, 14, 16)
-ENCODINGS = {f"{name}{bits}": found for bits in _BITS for name, found in _COLOURS.items()}
+_ENCODINGS = {f"{name}{bits}": found for bits in _BITS for name, found in _COLOURS.items()}
 _BAYER = {f"bayer_{p.lower()}": getattr(cv2, f"COLOR_Bayer{p}2RGB") for p in ("RGGB", "BGGR", "GBRG", "GRBG")}
-ENCODINGS |= {f"{name}{bits}": (1, code) for bits in _BITS for name, code in _BAYER.items()}
-ENCODINGS |= {"8UC1": _MONO, "8UC3": _BGR, "8UC4": _BGRA, "16UC3": _BGR}
-ENCODINGS |= dict.fromkeys(("yuv422", "uyvy"), (2, cv2.COLOR_YUV2RGB_UYVY))
-ENCODINGS |= dict.fromkeys(("yuv422_yuy2", "yuyv", "yuy2"), (2, cv2.COLOR_YUV2RGB_YUY2))
+_ENCODINGS |= {f"{name}{bits}": (1, code) for bits in _BITS for name, code in _BAYER.items()}
+_ENCODINGS |= {"8UC1": _MONO, "8UC3": _BGR, "8UC4": _BGRA, "16UC3": _BGR}
+_ENCODINGS |= dict.fromkeys(("yuv422", "uyvy"), (2, cv2.COLOR_YUV2RGB_UYVY))
+_ENCODINGS |= dict.fromkeys(("yuv422_yuy2", "yuyv", "yuy2"), (2, cv2.COLOR_YUV2RGB_YUY2))
 # A plane of brightness, and one or two of colour below it, half as high in all.
-PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "i420": cv2.COLOR_YUV2RGB_I420}
+_PLANAR = {"nv12": cv2.COLOR_YUV2RGB_NV12, "nv21": cv2.COLOR_YUV2RGB_NV21, "i420": cv2.COLOR_YUV2RGB_I420}
 # Named where an encoding is refused.
 _COMMON = ("rgb8", "bgr8", "rgba8", "bgra8", "mono8", "bayer_*8", "the same with 16", "yuv422", "yuv422_yuy2", "nv12")
 # Formats of compressed messages that are not an image each.
@@ -68,16 +68,16 @@ def _unpack(message: Any, name: str) -> np.ndarray | None:
     if hasattr(message, "format"):
         return _uncompress(data, str(message.format), name)
     height, width, step, encoding = message.height, message.width, message.step, message.encoding
-    if (code := PLANAR.get(encoding)) is not None:
+    if (code := _PLANAR.get(encoding)) is not None:
         height = height * 3 // 2
         if width % 2 or height % 3 or not 0 < width <= step or not 0 < height * step <= len(data):
             return None
         if encoding == "i420" and step > width:
             return None  # its planes of colour have half the step
         return cv2.cvtColor(np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :width]), code)
-    if encoding not in ENCODINGS:
+    if encoding not in _ENCODINGS:
         raise VideoError(f"{name} has the encoding {encoding!r}; record one of {', '.join(_COMMON)}.")
-    channels, code = ENCODINGS[encoding]
+    channels, code = _ENCODINGS[encoding]
     size = 2 if re.search(r"1[0246](UC3)?$", encoding) else 1
     row = width * channels * size
     if not 0 < row <= step or not 0 < height * step <= len(data):

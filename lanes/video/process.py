@@ -26,7 +26,7 @@ from lanes.video.writer import VideoWriter
 
 Row = Mapping[str, object]
 # Frames that wait between two threads. One would be enough if every step took constant time.
-QUEUE_SIZE = 3
+_QUEUE_SIZE = 3
 
 
 def process_video(
@@ -93,7 +93,7 @@ def process_video(
         telemetry or nullcontext() as table,
         writer,
         closing(read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)) as frames,
-        write_behind(writer.encode) as encode,
+        _write_behind(writer.encode) as encode,
     ):
         numbers: list[int] = []
         for frame in frames:
@@ -132,7 +132,7 @@ def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -
 def read_frames(
     path: str | Path, info: VideoInfo, *, start_s: float = 0.0, end_s: float | None = None, progress: bool = False
 ) -> Generator[TimedFrame]:
-    """The frames of `read_timed_frames`; another thread reads up to `QUEUE_SIZE` in advance.
+    """The frames of `read_timed_frames`; another thread reads up to `_QUEUE_SIZE` in advance.
 
     With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
     """
@@ -145,7 +145,7 @@ def read_frames(
         ThreadPoolExecutor(1) as thread,
         tqdm(total=max(expected, 0), unit="frame", disable=not (progress and interactive)) as bar,
     ):
-        waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
+        waiting = deque(thread.submit(next, items, None) for _ in range(_QUEUE_SIZE))
         while (frame := waiting.popleft().result()) is not None:
             waiting.append(thread.submit(next, items, None))
             yield frame
@@ -153,8 +153,8 @@ def read_frames(
 
 
 @contextmanager
-def write_behind(write: Callable) -> Iterator[Callable]:
-    """A function that queues an item for `write` in another thread; it blocks while `QUEUE_SIZE` items are waiting.
+def _write_behind(write: Callable) -> Iterator[Callable]:
+    """A function that queues an item for `write` in another thread; it blocks while `_QUEUE_SIZE` items are waiting.
 
     An exception of `write` is raised by a later call or at the end of the block. All items are written at its end.
     """
@@ -163,7 +163,7 @@ def write_behind(write: Callable) -> Iterator[Callable]:
 
         def put(item: object) -> None:
             waiting.append(thread.submit(write, item))
-            if len(waiting) > QUEUE_SIZE:
+            if len(waiting) > _QUEUE_SIZE:
                 waiting.popleft().result()
 
         yield put

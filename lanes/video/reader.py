@@ -19,8 +19,8 @@ import numpy as np
 from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
-from lanes.errors import VideoError, require_number
-from lanes.values import ByValue
+from lanes.errors import ByValue, VideoError, require_number
+from lanes.images import is_transposed, make_upright
 from lanes.video.container import (
     CLOCK_RESET_S,
     CLOCK_SET_S,
@@ -31,6 +31,7 @@ from lanes.video.container import (
     NOT_DECODED,
     decode_frames,
     decode_packet,
+    frame_orientation,
     frame_rate,
     frame_stamps,
     open_video,
@@ -39,17 +40,22 @@ from lanes.video.container import (
     start_time,
     translate_errors,
 )
-from lanes.video.orientation import MIRRORED, frame_orientation, is_transposed, make_upright
 from lanes.video.robot_log import index_log, is_robot_log, read_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
 # Largest ratio of a pixel's width to its height, and of its height to its width.
-MAX_PIXEL_ASPECT = 4
+_MAX_PIXEL_ASPECT = 4
 # Frames that are stored farther than this from their place in time are outliers: no codec reorders so many.
-MAX_REORDERED = 16
+_MAX_REORDERED = 16
 # A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
-CUT_OFF_S = 0.5
+_CUT_OFF_S = 0.5
+# EXIF orientations that mirror the stored image; players show it so.
+_MIRRORED = (2, 4, 5, 7)
+MIRRORED_WORDS = (
+    "is shown mirrored, as its display matrix says: if the road is mirrored, too, left and right are exchanged; remove "
+    "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
+)
 
 
 @dataclass(frozen=True)
@@ -123,7 +129,7 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
             duration_s=round(length_s, 6),
             has_audio=bool(container.streams.audio),
             missing=max(stream.frames - stored, gaps + cut_off),
-            mirrored=orientation in MIRRORED,
+            mirrored=orientation in _MIRRORED,
         )
 
 
@@ -281,7 +287,7 @@ def _upright_rgb(
 def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
     """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
-    if not 1 / MAX_PIXEL_ASPECT <= aspect <= MAX_PIXEL_ASPECT:  # nonsense
+    if not 1 / _MAX_PIXEL_ASPECT <= aspect <= _MAX_PIXEL_ASPECT:  # nonsense
         aspect = Fraction(1)
     return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
 
@@ -297,7 +303,7 @@ def _measure_stamps(stamps: list[int | None], rate: Fraction, stream: av.VideoSt
         return length_s, 0
     # in frames; floats, because thousands of fractions take longer than to read the file
     order = np.argsort(known, kind="stable")
-    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > MAX_REORDERED
+    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > _MAX_REORDERED
     if away.mean() < MAX_SHORT_SHARE:
         places = places[~away]
     steps = np.diff(places)
@@ -327,4 +333,4 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     # In Matroska and NUT the duration counts from zero, in all others from the first packet.
     begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
-    return round(cut_off_s * rate) if cut_off_s > CUT_OFF_S else 0
+    return round(cut_off_s * rate) if cut_off_s > _CUT_OFF_S else 0

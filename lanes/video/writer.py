@@ -32,19 +32,19 @@ from lanes.video.container import (
 from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 # Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
-COPIED_CODECS, SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
+_COPIED_CODECS, _SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
 # x264's default for constant quality.
 CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
-ENCODER_THREADS = 4
+_ENCODER_THREADS = 4
 # Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg assumes for videos without tags;
 # players disagree on these.
-COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
+_COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `COLOUR_TAGS`.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `_COLOUR_TAGS`.
 
     Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
     the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
@@ -80,7 +80,7 @@ class VideoWriter:
         self._ticks_per_frame = self._rate.denominator * per_frame
         self._sound_from = sound_from
         self._resources = ExitStack()
-        self._sound: SoundTrack | None = None
+        self._sound: _SoundTrack | None = None
         self._container: OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
@@ -141,7 +141,7 @@ class VideoWriter:
         self._resources.callback(_close_quietly, container)
         if self._sound_from is not None:
             source = self._resources.enter_context(open_video(self._sound_from))
-            self._sound = SoundTrack(source, container, start_s=self._zero_s)
+            self._sound = _SoundTrack(source, container, start_s=self._zero_s)
         return container
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
@@ -176,7 +176,7 @@ class VideoWriter:
             ) from error
 
 
-class SoundTrack:
+class _SoundTrack:
     """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
 
     def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
@@ -184,8 +184,8 @@ class SoundTrack:
         # A track in a codec that FFmpeg does not know has no codec context.
         track = next((track for track in source.streams.audio if track.codec_context), None)
         self._encoder: av.AudioStream | None = None
-        if track and track.codec_context.name not in COPIED_CODECS:
-            self._encoder = target.add_stream("aac", rate=SOUND_RATE_HZ)
+        if track and track.codec_context.name not in _COPIED_CODECS:
+            self._encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
         self._pieces = self._from_start(track) if track else iter(())
         self._next = next(self._pieces, None)
 
@@ -245,13 +245,13 @@ def open_mp4(
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
-    codec.thread_count = ENCODER_THREADS
+    codec.thread_count = _ENCODER_THREADS
     _tag(codec)
     return container, stream
 
 
 def _tag(target: av.VideoCodecContext | av.VideoFrame) -> None:
-    for name, code in COLOUR_TAGS.items():
+    for name, code in _COLOUR_TAGS.items():
         setattr(target, name, code)
 
 

@@ -90,7 +90,7 @@ class TestCommand:
         (["no-such-video.mp4"], "no-such-video.mp4: there is no such video file"),
         (["--system", "tracker,yolo", "motorway"], "there is no system 'yolo'"),
         (["--system", "tracker", "--system", "hough", "motorway"], "there is no system 'hough'"),
-        (["--seed", "-1"], "-1 does not do; give a whole number, 0 or more"),
+        (["--seed", "-1"], "invalid value -1: expected an integer >= 0"),
     ],
 )
 def test_wrong_usage_is_reported(arguments, words, capsys):

@@ -42,7 +42,7 @@ ANY: dict[str, tuple[Spoil, str]] = {
     "pipe": (lambda path, _: os.mkfifo(path), "is a pipe"),
     "device": (lambda path, _: path.symlink_to("/dev/zero"), "is a device"),
     "circular link": (lambda path, _: path.symlink_to(path.name), "there is no such"),
-    "no right to read": (unreadable, "may not be read"),
+    "no right to read": (unreadable, "permission denied"),
     "zeros": (holds(bytes(9999)), ""),
     "text": (holds("this is no such file\n" * 99), ""),
     "not UTF-8": (holds(b"\xff\xfe\xfd" * 999), ""),

@@ -71,7 +71,7 @@ def test_interrupted(video, earlier, sigint):
 
 def test_a_refused_frame_is_named(video, tmp_path):
     camera = Camera.from_fov((640, 360), 60)
-    with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* that of pictures of 640x360"):
+    with pytest.raises(PictureError, match=r"^frame 5 of .*drive\.mp4: is 160x96 .* that of images of 640x360"):
         process_video(video, tmp_path / "a.mp4", lambda i: undistort(i, camera), progress=False, start_s=0.2)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lanes.errors import VideoError
-from lanes.video.orientation import as_stored, make_upright
+from lanes.images import as_stored, make_upright
 from lanes.video.process import process_video
 from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames, read_video
 from tests.video.sample_videos import (
