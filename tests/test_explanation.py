@@ -100,6 +100,18 @@ class TestGoodImage:
         assert rejected
         assert all(2.5 < float(left_m) + float(right_m) < 4.5 for left_m, right_m in rejected)
 
+    @pytest.mark.parametrize(
+        ("lines_m", "words"),
+        [
+            ((1.8, -1.8, 3.2), r"at \+3\.[12] m .*, because the lane would be [45]\.\d m wide"),
+            ((1.8, -1.8, -5.4), None),
+        ],
+    )
+    def test_a_line_that_was_not_taken_has_its_reason(self, lines_m, words):
+        """A line of the adjacent lane is none of them."""
+        text = explain(Road(CAMERA).lines(*lines_m).image(), CAMERA).describe()
+        assert re.search(f"ignored    a line {words}", text) if words else "ignored" not in text
+
     def test_a_lane_without_weakness_has_none(self):
         text = explain(Road(CAMERA).lines(1.8, -1.8).image(), CAMERA).describe()
         assert re.search(r"weakest    there is paint on [89]\d% of the left and [89]\d% of the right line\.", text)

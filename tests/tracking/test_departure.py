@@ -42,7 +42,7 @@ CROSSINGS = {
     "by its course": (lane_at(0.0, 0.02), car(20.0, course_rad=0.02), None, np.inf, None),
     "standing": (lane_at(0.0, 0.03), car(0.0), None, np.inf, None),
     # R 400 m leads out on the right at v^2 / R = 1 m/s^2: 0.2 t + t^2 / 2 = 0.9
-    "straight on in a left bend": (BEND, car(20.0), "right", 1.156, None),
+    "straight on in a left bend": (BEND, car(20.0), "right", 1.156, "lane departure: 1.2 s to the right line"),
     "along the bend": (BEND, car(20.0, path_per_m=1 / 400), "right", 4.5, None),
 }
 
@@ -92,8 +92,11 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
     moving = watched([lane_at(-0.2 - 0.024 * n, heading) for n in range(50)], car(20.0))
     first = [departure.due for departure in moving].index(True)
-    # 1 s before the tyres are on the line, 0.7 m away
+    # 1 s before the tyres are on the line, 0.7 m away; before that it was foreseen for 0.5 s
     assert 0.0 < moving[first].left_m < 0.6 and moving[first].side == "left"
+    assert not any(
+        departure.due for departure in watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
+    )
 
 
 def test_after_a_lane_change_the_motion_is_still_seen():
@@ -110,7 +113,7 @@ def test_after_a_lane_change_the_motion_is_still_seen():
 
 def test_the_width_of_the_car_counts():
     narrow, wide = (replace(SMALL, car_width_m=width_m) for width_m in (1.2, 2.5))
-    lanes = [lane_at(0.2 - 0.02 * n, -0.025) for n in range(25)]
+    lanes = [lane_at(0.2 - 0.02 * n, -0.025) for n in range(33)]
     small, large = (watched(lanes, car(20.0), camera)[-1] for camera in (narrow, wide))
     assert small.left_m - large.left_m == pytest.approx(0.65) and large.due and not small.due
 
@@ -136,7 +139,7 @@ def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
         drift_s=(0.0, 3.0),
     )
     tracker, watch = LaneTracker(SMALL, fps=25), DepartureWatch()
-    lanes = [tracker.update(drive.frame(number / 25)) for number in range(20)]
+    lanes = [tracker.update(drive.frame(number / 25)) for number in range(32)]
     for lane in filter(None, lanes):
         raw = watch.update(lane.model, lane.motion, SMALL, 0.04)
         sure = lane.state == "tracking" and lane.confidence >= 0.5
