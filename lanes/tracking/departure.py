@@ -19,7 +19,7 @@ WARN_S = 1.25
 # the tyres on a line.
 LEAST_DRIFT_MPS = 0.1
 # Time constant over which the lateral motion is seen; a warning needs a motion of at least half of the estimated speed.
-# Nor of one that was foreseen for a shorter time: on 15 real clips 69 of 207 frames with a warning were false.
+# There is none of a crossing foreseen for a shorter time: on 15 real clips 69 of 207 frames with a warning were false.
 SEEN_S, SEEN_FACTOR = 0.5, 2.0
 # If the tyres of a car would be on a line in more than this share of the frames, its camera or width is another one: on
 # motorways cars leave their lane every few minutes, for seconds.
