@@ -13,7 +13,7 @@ A road is drawn here; `read_image` reads a real one.
 3.5 m wide, -0.15 m left of the centre, white solid
 >>> drawn = lanes.draw_lane(image, lane, camera)
 
-For videos see `track` and `annotate`, for other cameras `calibrate` and `estimate_pose`.
+Videos: `track`, `annotate`. Other cameras: `calibrate`, `estimate_pose`. The API is `__all__`; modules are its inside.
 """
 
 # isort: skip_file

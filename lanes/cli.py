@@ -10,7 +10,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from difflib import get_close_matches
 from functools import partial
 from itertools import islice
@@ -515,9 +515,8 @@ def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSetting
         shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
         for some in shown:
             print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
-    shared = {"start_s", "end_s", "style", "report", "topic"}
-    shared |= {"camera_offset_m", "car_width_m", "lane_width_m", "height_m"}
-    more = {name: x for name, x in vars(options).items() if name in shared}
+    named = {field.name for field in fields(DriveSettings)} - {"camera", "each", "output"}
+    more = {name: x for name, x in vars(options).items() if name in named}
     if more.get("end_s") is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
     more["markings"] = options.markings and load_markings(options.markings)

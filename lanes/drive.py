@@ -344,7 +344,9 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     count, missing = written.frames, written.missing
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
-    warnings = _find_warnings(video, info, camera, pose, settings, telemetry)
+    warnings = _find_warnings(info, camera, settings, telemetry)
+    if tracker.camera is camera:  # with another pose for a part of the drive, its angles cannot be compared
+        warnings += _find_moved_camera(pose, telemetry)
     if info.has_audio and not written.has_audio:
         warnings.append(f"its sound cannot be decoded; {target} has no sound")
     if settings.report:
@@ -369,26 +371,12 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 
-def _find_warnings(
-    video: Path,
-    info: VideoInfo,
-    camera: Camera,
-    pose: PoseEstimate | None,
-    settings: DriveSettings,
-    telemetry: Telemetry,
-) -> list[str]:
+def _find_warnings(info: VideoInfo, camera: Camera, settings: DriveSettings, telemetry: Telemetry) -> list[str]:
     """What seems to be wrong with a video or its camera, a sentence each."""
     mirrored = MIRRORED_WORDS if info.mirrored else None
     found: list[str | None] = [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note]
     if settings.camera_offset_m is None and not camera.offset_m:
         found.append(describe_crossings(telemetry, camera.car_width_m))
-    if change := find_pose_change(telemetry):
-        found.append(change.describe())
-    elif (yaw_rad := find_wrong_yaw(telemetry)) is not None:
-        remedy = "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
-        if pose:
-            remedy = "annotate a straighter part of it (--start, --end), or give a camera file with a pose (--camera)."
-        found.append(f"{describe_wrong_yaw(yaw_rad)}; {remedy}")
     return list(filter(None, found))
 
 
@@ -400,6 +388,17 @@ def _describe_other_poses(telemetry: Telemetry, first: CameraPose) -> list[str]:
     changed = known[(np.abs(poses[known] - before) > 1e-9).any(axis=1)]
     described = ((telemetry["time_s"][k], CameraPose(*poses[k]).describe()) for k in changed)
     return [f"from {time_s:.1f} s on with another pose: {words}" for time_s, words in described]
+
+
+def _find_moved_camera(pose: PoseEstimate | None, telemetry: Telemetry) -> list[str]:
+    """What seems to be wrong with the pose that a whole drive was tracked with."""
+    if change := find_pose_change(telemetry):
+        return [change.describe()]
+    if (yaw_rad := find_wrong_yaw(telemetry)) is None:
+        return []
+    other = "annotate a straighter part of it (--start, --end), or give a camera file with a pose (--camera)."
+    remedy = other if pose else "estimate the pose from this drive (`python -m lanes pose`), and annotate it again."
+    return [f"{describe_wrong_yaw(yaw_rad)}; {remedy}"]
 
 
 def _pose_warnings(video: Path, pose: PoseEstimate | None, settings: DriveSettings) -> list[str]:

@@ -16,7 +16,7 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.describe import describe_bend
-from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, log_odds_losses, log_odds_terms
+from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses, log_odds_terms
 from lanes.detect.evidence import Evidence
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
@@ -40,6 +40,8 @@ OTHER_PICTURES = (
 MAX_REJECTED = 3
 # A feature of the confidence that costs less, as log odds, is no weakness.
 MIN_LOSS = 1.0
+# Stripes parallel to the lane in a strip of this width are a line, if they are on this share of the rows.
+STRIP_M, LEAST_PAINT = 0.4, 0.15
 
 
 @dataclass(frozen=True)
@@ -105,6 +107,8 @@ class Explanation(ByValue):
             odds = f"log odds {sum(terms.values()):+.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
             words["weakest"], _ = _weakest_evidence(self.lane, "")
+            ignored = describe_ignored(self.lane, self.fit) if self.fit else None
+            words |= {"ignored": ignored} if ignored else {}
         rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
         return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
 
@@ -144,7 +148,8 @@ def explain(
     try:
         detection = detection or detect_still(image, camera)
     except CameraError as error:
-        failed = Step("birdseye", "no road in the picture", str(error), _pose_advice(pose_doubt))
+        advice = RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
+        failed = Step("birdseye", "no road in the picture", str(error), advice)
         return Explanation(image, camera, _up_to_failure([*_first_steps(image, camera, pose_doubt), failed]))
     return _explain_detection(image, camera, pose_doubt, detection)
 
@@ -178,7 +183,8 @@ def _explain_detection(
     track: str = "",
 ) -> Explanation:
     """Explanation of a detection in an image, or in a frame of a tracker; `track` describes the frames before."""
-    evidence, search, lane, advice = detection.evidence, detection.search, detection.lane, _pose_advice(pose_doubt)
+    evidence, search, lane = detection.evidence, detection.search, detection.lane
+    advice = RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
     fit, predicted = (tracker.fit, tracker.prediction) if tracker else (None, None)
     fit = fit or (search.fit if search else None)
     steps = [*_first_steps(image, camera, pose_doubt), _check_birdseye(evidence)]
@@ -209,11 +215,6 @@ def _first_steps(image: np.ndarray, camera: Camera, pose_doubt: str | None) -> l
     ]
 
 
-def _pose_advice(pose_doubt: str | None) -> str:
-    """What to do if the pose may be wrong: `pose_doubt` is None if it was given, see `explain`."""
-    return RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
-
-
 def _describe_track(track: Sequence[tuple[float, str, bool]]) -> str:
     """The track before the last frame in words, from time, state and whether the lane was seen, of each frame."""
     *before, (now_s, _, _) = track
@@ -240,16 +241,16 @@ def _check_birdseye(evidence: Evidence) -> Step:
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
     part = f"{view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m"
     summary = f"picture covers {part}, brightness {median:.0f}"
-    failure = advice = ""
+    failure = ""
     if median < 20:
         failure = f"the road is almost black (median {median:.0f} of 255)."
-        advice = "Set the exposure for the road, switch on the headlights, or skip this part of the drive."
     elif median > 240:
         failure = f"the road is glaring white (median {median:.0f} of 255)."
-        advice = "Set the exposure for the road, or clean the windscreen. There is no remedy for low sun."
     elif high - low < 6:
         failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
-        advice = "Check for fog, dirt or blur, and whether the camera looks at the road."
+    advice = (
+        "Take another part (--start, --end). Before a drive clean the windscreen, and set the exposure for the road."
+    )
     return Step("birdseye", summary, failure, advice)
 
 
@@ -374,6 +375,26 @@ def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str,
         ),
     }
     return words.get(feature, (f"{feature!r} contributes least to the confidence.", frames))
+
+
+def describe_ignored(lane: Lane, fit: Fit) -> str | None:
+    """The line with most paint that is none of the lane's or of the adjacent lanes', and why; None if there is none."""
+    stripes = fit.stripes.select(fit.stripes.x_m < FIT.support_far_m)
+    # positions beside the car of lines through the stripes that are parallel to the middle of the lane
+    beside_m = stripes.y_m - fit.lines_y_m[0].mean(axis=0)[stripes.row] + lane.model[CENTRE]
+    taken_m = [line.offset_m for line in (*lane.lines, *lane.adjacent) if line]
+    places_m = np.arange(-8.0, 8.0, STRIP_M / 4)
+    places_m = places_m[(np.abs(places_m[:, None] - taken_m) > 2 * STRIP_M).all(axis=1)]
+    paint = (np.abs(places_m[:, None] - beside_m) < STRIP_M / 2) @ stripes.weight / fit.visible_rows.max()
+    if not len(paint) or paint.max() < LEAST_PAINT:
+        return None
+    at_m, share = places_m[paint.argmax()], min(paint.max(), 1.0)
+    side, other = (lane.left, lane.right) if at_m > 0 else (lane.right, lane.left)
+    width_m = abs(at_m - other.offset_m)
+    reason = f"the lane would be {width_m:.1f} m wide with it (usual: {USUAL_WIDTH_M} m)"
+    if abs(width_m - USUAL_WIDTH_M) < abs(lane.width_m - USUAL_WIDTH_M) + WIDTH_STD_M:
+        reason = f"the line at {side.offset_m:+.1f} m has paint on {min(side.support, 1):.0%}"
+    return f"a line at {at_m:+.1f} m with paint on {share:.0%} of the rows, because {reason}"
 
 
 def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lanes.camera import Camera, undistort
+from lanes.camera import undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
 from lanes.detect.fit import Fit
@@ -100,8 +100,8 @@ def figure_kind(path: Path) -> str:
 
 # Figure of an explanation: one panel per step.
 
-# Width of the plots of the road to either side, metres: that of the bird's-eye view.
-_ROAD_HALF_WIDTH_M = 9.0
+# Width of the plots of the road to either side: that of the bird's-eye view; and what is as far as the horizon.
+_ROAD_HALF_WIDTH_M, _INFINITY_M = 9.0, 1e7
 _HORIZON_COLOUR, _FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
 
@@ -150,7 +150,7 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
     camera = replace(explanation.camera, distortion=np.zeros(5))
     height, width = explanation.image.shape[:2]
     axis.imshow(undistort(explanation.image, explanation.camera))
-    ends = _directions_to_pixels(camera, np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
+    ends = camera.road_to_pixels(_INFINITY_M * np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
     axis.plot(*ends.T, color=_HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=_HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
     for x_m in _MARKED_M:
@@ -160,7 +160,7 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
             axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
     if (lane := explanation.lane) is not None:
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
-        pixel = _directions_to_pixels(camera, ahead)[0]
+        pixel = camera.road_to_pixels(_INFINITY_M * ahead)[0]
         axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.set_axis_off()
@@ -253,9 +253,3 @@ def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
 def _set_road_axes(axis: Axes) -> None:
     axis.set(xlim=(_ROAD_HALF_WIDTH_M, -_ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
-
-
-def _directions_to_pixels(camera: Camera, directions: np.ndarray) -> np.ndarray:
-    """Undistorted pixels (N, 2) of points at infinity in directions (N, 3) of the road frame."""
-    x, y, z = (directions @ camera.require_pose().rotation.T).T
-    return np.column_stack([x / z, y / z, np.ones_like(z)]) @ camera.matrix[:2].T

@@ -91,6 +91,18 @@ class TestGoodImage:
         weak = replace(good, detection=replace(good.detection, lane=replace(good.lane, **change)))
         assert f"weakest    {words}" in weak.describe()
 
+    @pytest.mark.parametrize(
+        ("lines_m", "words"),
+        [
+            ((1.8, -1.8, 3.2), r"at \+3\.[12] m .*, because the lane would be [45]\.\d m wide"),
+            ((1.8, -1.8, -5.4), None),
+        ],
+    )
+    def test_a_line_that_was_not_taken_has_its_reason(self, lines_m, words):
+        """A line of the adjacent lane is none of them."""
+        text = explain(Road(CAMERA).lines(*lines_m).image(), CAMERA).describe()
+        assert re.search(f"ignored    a line {words}", text) if words else "ignored" not in text
+
 
 def spots_image() -> np.ndarray:
     """A road with scattered white spots instead of lines."""

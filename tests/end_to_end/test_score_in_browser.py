@@ -41,4 +41,6 @@ def test_page_shows_tables_and_lines_and_runs_no_text(tmp_path):
         assert run("return getComputedStyle(document.querySelector('path.prediction')).strokeDasharray") != "none"
         cells = run("return [...document.querySelectorAll('#tables tbody tr')].map(r => r.textContent)")
         assert cells[0].startswith("all2")
+        browser.set_size(420, 800)
+        assert run("return document.querySelector('#tables tbody th').offsetWidth") > 100
         assert browser.console() == []

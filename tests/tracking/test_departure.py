@@ -40,7 +40,7 @@ CROSSINGS = {
     "by its course": (lane_at(0.0, 0.02), car(20.0, course_rad=0.02), None, np.inf, None),
     "standing": (lane_at(0.0, 0.03), car(0.0), None, np.inf, None),
     # R 400 m leads out on the right at v^2 / R = 1 m/s^2: 0.2 t + t^2 / 2 = 0.9
-    "straight on in a left bend": (BEND, car(20.0), "right", 1.156, None),
+    "straight on in a left bend": (BEND, car(20.0), "right", 1.156, "lane departure: 1.2 s to the right line"),
     "along the bend": (BEND, car(20.0, path_per_m=1 / 400), "right", 4.5, None),
 }
 
@@ -76,8 +76,23 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
     moving = watched([lane_at(-0.2 - 0.024 * n, heading) for n in range(50)], car(20.0))
     first = [departure.due for departure in moving].index(True)
-    # 1 s before the tyres are on the line, 0.7 m away
+    # 1 s before the tyres are on the line, 0.7 m away; before that it was foreseen for 0.5 s
     assert 0.0 < moving[first].left_m < 0.6 and moving[first].side == "left"
+    assert not any(
+        departure.due for departure in watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
+    )
+
+
+def test_after_a_lane_change_the_motion_is_still_seen():
+    """The car drifts on to the left into the adjacent lane, whose left line it approaches."""
+    centres = np.arange(-0.5, -5.2, -0.03)
+    lanes = [lane_at(centre + 3.6 * (centre < -1.9), -0.0375) for centre in centres]
+    departures = watched(lanes, car(20.0))
+    before, after = departures[40], departures[-1]
+    assert before.due and before.side == "left"
+    assert after.due and after.side == "left" and after.time_to_crossing_s < 1.0
+    middle = departures[int(np.abs(centres + 3.6).argmin())]
+    assert not middle.due
 
 
 def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
@@ -101,7 +116,7 @@ def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
         drift_s=(0.0, 3.0),
     )
     tracker, watch = LaneTracker(SMALL, fps=5), DepartureWatch()
-    lanes = [tracker.update(drive.frame(number / 25), elapsed_s=0.04) for number in range(20)]
+    lanes = [tracker.update(drive.frame(number / 25), elapsed_s=0.04) for number in range(32)]
     for lane in filter(None, lanes):
         raw = watch.update(lane.model, lane.motion, SMALL, 0.04)
         sure = lane.state == "tracking" and lane.confidence >= 0.5
