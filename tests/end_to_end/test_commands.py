@@ -60,6 +60,13 @@ def test_a_process_says_nothing_of_its_own(tmp_path):
     assert (status, out) == (2, "") and "usage: python -m lanes" in err and "Traceback" not in err
 
 
+def test_the_command_to_copy_from_a_report_has_the_options_of_the_camera(tmp_path):
+    drive = write_drive(tmp_path / "drive.mp4", BENDS, 2)
+    given = "--hfov 110.0 --lens pinhole --camera-offset 0.2 --car-width 1.7 --lane-width 3.5 --height 1.3"
+    assert main(["annotate", *given.split(), str(drive), "-o", str(tmp_path / "out")]) == 0
+    assert f"python -m lanes explain {given} {drive} --at " in (tmp_path / "out" / "drive.html").read_text()
+
+
 def test_interrupted(tmp_path):
     long = tmp_path / "long.mp4"
     shutil.copy(ROOT / "test_videos" / "project_video.mp4", long)

@@ -64,6 +64,8 @@ def test_lane_change_switches_the_lane_when_the_middle_of_the_car_crosses_the_li
     assert len(jumps) == 1
     before, after = truths[jumps[0]], truths[jumps[0] + 1]
     assert before.laterals_m == (1.8, -1.8) and after.laterals_m == (-1.8, -5.4)
+    # the car moves to the right, and the lane leads left of its direction
+    assert before.heading_rad == pytest.approx(np.arctan(before.left.c1), abs=0.01) and before.heading_rad > 0.02
     # The right line becomes the left one.
     assert before.right.c0_m == pytest.approx(after.left.c0_m, abs=0.1)
     assert offsets[0] == pytest.approx(0.2) and offsets[-1] == pytest.approx(0.2)
