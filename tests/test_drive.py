@@ -19,6 +19,7 @@ from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.pose import PoseEstimate
 from lanes.stills import detect_still
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive
@@ -161,6 +162,23 @@ def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
         assert (len(result.telemetry["frame"]), result.pose.frames_total) == (12, 12)
         assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
         assert result.description.startswith("height")
+
+
+def test_a_moved_camera_is_reported_with_the_time_on_the_clock_of_the_video(tmp_path, monkeypatch):
+    """After 10 of 16 seconds the camera looks two degrees farther down; the part from 4 s on is annotated.
+
+    Nothing is said if the tracker went on with another pose: then the angles have two origins.
+    """
+    with VideoWriter(tmp_path / "drive.mp4", fps=5) as writer:
+        for number in range(80):
+            writer.write((BENDS if number < 50 else pitched(BENDS, 2)).frame(number / 5), number / 5)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
+    words = r"seems to have moved after (9|10|11) s: .* (1\.[7-9]|2\.\d) deg farther down"
+    assert re.search(words, result.description)
+    other_pose = lambda fps, camera, *_, **options: LaneTracker(replace(camera), fps=fps)  # noqa: E731
+    monkeypatch.setattr("lanes.drive.make_tracker", other_pose)
+    (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
+    assert "moved" not in result.description
 
 
 def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
