@@ -46,12 +46,12 @@ NO_ROADS, PHOTOS = 12, 8
 # What a lane of each source counts. Those of painted roads count little: metres decide there, and pixels elsewhere.
 # All lanes of one set, scene or drive count as this number of independent ones at most.
 REAL, NO_ROAD, PHOTO, PAINTED = "real", "no road", "photo", "painted"
-SOURCE_WEIGHTS, GROUP_LANES = {REAL: 1.0, NO_ROAD: 1.0, PHOTO: 0.5, PAINTED: 0.03}, 24.0
+SOURCE_WEIGHTS, GROUP_LANES = {REAL: 1.0, NO_ROAD: 6.0, PHOTO: 0.5, PAINTED: 0.03}, 24.0
 # Penalty on a weight, relative to the variance of its feature, and on the constant.
 RIDGE, CONSTANT_RIDGE = 3.0, 0.1
 # Weights that are not fitted, because few labelled roads have a wrong yaw or height: with these, as many lanes of
 # painted drives with a wrong pose are sure (a fifth) as with weights that were fitted on such drives.
-FIXED = {"odd heading": -4.0, "odd width": -0.5}
+FIXED = {"odd heading": -3.0, "odd width": -0.5}
 
 
 @dataclass(frozen=True)

@@ -23,13 +23,13 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
-    "constant": 1.3,
-    "near std": -1.8,
-    "between": 6.1,
+    "constant": -1.05,
+    "near std": -2.9,
+    "between": 7.2,
     "odd width": -0.5,
-    "other lanes": -1.8,
-    "odd heading": -4.0,
-    "weaker line": 1.2,
+    "other lanes": -2.45,
+    "odd heading": -3.0,
+    "weaker line": 1.25,
 }
 # Limits of features: the lines of a floor of tiles are as certain as those of a road. A line has paint on at least a
 # few rows; with more than those of a good dashed line it is no more certain.

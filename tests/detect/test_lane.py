@@ -69,6 +69,7 @@ COLUMNS = """
 state confidence offset_m offset_std_m heading_rad curvature_per_m curvature_std_per_m lane_width_m pitch_rad
 camera_yaw_rad left_c0_m left_c1 left_c2_per_m left_c3_per_m2 left_kind left_colour left_double right_c0_m right_c1
 right_c2_per_m right_c3_per_m2 right_kind right_colour right_double far_left_c0_m far_right_c0_m departure
+pose_height_m pose_pitch_rad pose_yaw_rad pose_roll_rad
 """
 
 

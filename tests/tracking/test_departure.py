@@ -115,8 +115,8 @@ def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
         drift_mps=0.9,
         drift_s=(0.0, 3.0),
     )
-    tracker, watch = LaneTracker(SMALL, fps=5), DepartureWatch()
-    lanes = [tracker.update(drive.frame(number / 25), elapsed_s=0.04) for number in range(32)]
+    tracker, watch = LaneTracker(SMALL, fps=25), DepartureWatch()
+    lanes = [tracker.update(drive.frame(number / 25)) for number in range(32)]
     for lane in filter(None, lanes):
         raw = watch.update(lane.model, lane.motion, SMALL, 0.04)
         sure = lane.state == "tracking" and lane.confidence >= 0.5
