@@ -19,7 +19,7 @@ from simulator.objects.scene_objects import MAX_OBJECT_M, Car, Post, SceneObject
 from simulator.objects.trees import paint_tree, project_trees
 from simulator.objects.vehicles import paint_vehicle
 from simulator.objects.walls import Wall, paint_wall
-from simulator.painting.brush import Atmosphere, paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, Canvas, paint_polygons
 
 # Each segment of a wall is painted behind homogeneous air, so fog needs shorter segments than clear air.
 CLEAR_GROWTH, FOG_GROWTH = 1.3, 1.12
@@ -44,10 +44,11 @@ def paint_objects(
     the objects beyond.
     """
     crest_distance_m, near_side = crest or (0.0, None)
-    bare = image.copy()
+    bare = image if crest is None else image.copy()
+    canvas = Canvas(image, camera)
     sun = np.asarray(sun_direction, float) / np.linalg.norm(sun_direction)
     parts = _sort_by_distance(objects, CLEAR_GROWTH if atmosphere_at is None else FOG_GROWTH)
-    ends_px = {id(tree): ends for tree, ends in project_trees(camera, [i for _, i in parts if isinstance(i, Tree)])}
+    ends_px = {id(tree): ends for tree, ends in project_trees(canvas, [i for _, i in parts if isinstance(i, Tree)])}
     for (distance, item), light in zip(parts, _lights([item for _, item in parts], light_at), strict=True):
         if near_side is not None and distance < crest_distance_m:
             # The near side of the crest hides everything painted so far.
@@ -56,30 +57,30 @@ def paint_objects(
         if light is not None and not isinstance(item, Wall | BridgeSlice):
             air = air._replace(transmittance=air.transmittance * light[0])
         if isinstance(item, Wall):
-            paint_wall(image, camera, replace(item, light=light), sun, air)
+            paint_wall(canvas, replace(item, light=light), sun, air)
         elif isinstance(item, BridgeSlice):
-            paint_bridge_slice(image, camera, item, sun, air)
+            paint_bridge_slice(canvas, item, sun, air)
         elif isinstance(item, Car):
-            paint_vehicle(image, camera, item, sun, air)
+            paint_vehicle(canvas, item, sun, air)
         elif not isinstance(item, Tree):
-            _paint_post(image, camera, item, sun, air)
+            _paint_post(canvas, item, sun, air)
         elif id(item) in ends_px:
-            paint_tree(image, item, ends_px[id(item)], sun, air)
+            paint_tree(canvas, item, ends_px[id(item)], sun, air)
     if near_side is not None:
         image[near_side] = bare[near_side]
 
 
-def _paint_post(image: np.ndarray, camera: Camera, post: Post, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a post, and the arm and the head of a street lamp, over an image, in place."""
+def _paint_post(canvas: Canvas, post: Post, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a post, and the arm and the head of a street lamp."""
     half, top = post.width_m / 2, post.height_m
     faces = [vertical_rectangle(0, 0, half, half, 0, top)]
     if post.arm_m:
         low, high = sorted((0.0, post.arm_m))
         faces.append(vertical_rectangle(0, 0, high, -low, top - 0.06, top + 0.06))
         faces.append(vertical_rectangle(0, post.arm_m, 0.35, 0.35, top - 0.12, top + 0.10))
-    pixels = project_faces(camera, np.array(faces) + [post.x_m, post.y_m, post.ground_height_m])
+    pixels = canvas.project_faces(np.array(faces) + [post.x_m, post.y_m, post.ground_height_m])
     colour = np.array(post.colour) * irradiance(np.array([[-1.0, 0, 0]]), sun) / 0.8
-    paint_polygons(image, pixels, np.repeat(colour, len(faces), axis=0), atmosphere=air)
+    paint_polygons(canvas, pixels, np.repeat(colour, len(faces), axis=0), atmosphere=air)
 
 
 def _sort_by_distance(objects: list[SceneObject], growth: float) -> list[tuple[float, SceneObject]]:

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lanes.camera import Camera
 from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, blocked_sky, irradiance
-from simulator.painting.brush import Atmosphere, paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, Canvas, paint_polygons
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
 CONCRETE = np.array([0.36, 0.345, 0.315])
@@ -97,11 +96,11 @@ class BridgeSlice:
         return []
 
 
-def paint_bridge_slice(image: np.ndarray, camera: Camera, part: BridgeSlice, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a slice of a bridge over an image, in place."""
+def paint_bridge_slice(canvas: Canvas, part: BridgeSlice, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a slice of a bridge."""
     light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] if part.front else np.ones(3)
     colours = part.light[:, None] * CONCRETE * light / 0.8
-    paint_polygons(image, project_faces(camera, part.faces_m), colours, atmosphere=air)
+    paint_polygons(canvas, canvas.project_faces(part.faces_m), colours, atmosphere=air)
 
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: VehiclePose) -> np.ndarray:

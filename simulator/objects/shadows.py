@@ -21,6 +21,8 @@ MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
 # Margin for the blur of shadow edges.
 PENUMBRA_PX = 6
+# Bounds of the displacement of edges: standard deviations of the noise, and the smallest step of a row on the ground.
+MAX_NOISE, MIN_STEP_M = 6.0, 1e-2
 # Limit of coordinates, far outside any image.
 MAX_PX = 1e6
 
@@ -82,23 +84,24 @@ def cast_shadows(
     mask = np.zeros(sun.shape, np.uint8)
     for first, last in zip(starts[~out_of_sight].tolist(), ends[~out_of_sight].tolist(), strict=True):
         cv2.fillPoly(mask, [corners[first:last]], 255, cv2.LINE_AA, 4)
-    if edge_noise_m:
-        mask = _perturb_edges(mask, ground, ground.s + np.float32(station_m), edge_noise_m)
     shaded = np.flatnonzero(mask.any(axis=1))
     if not len(shaded):
         return
+    margin = PENUMBRA_PX + int(MAX_NOISE * edge_noise_m / MIN_STEP_M)
+    rows = slice(max(shaded[0] - margin, 0), shaded[-1] + margin + 1)
+    shadow = _perturb_edges(mask, ground, rows, station_m, edge_noise_m) if edge_noise_m else mask[rows]
     # A penumbra of about a pixel; it is a few centimetres wide at car height.
-    rows = slice(max(shaded[0] - PENUMBRA_PX, 0), shaded[-1] + PENUMBRA_PX + 1)
-    sun[rows] *= 1 - cv2.GaussianBlur(mask[rows], (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
+    sun[rows] *= 1 - cv2.GaussianBlur(shadow, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _perturb_edges(mask: np.ndarray, ground: Ground, s: np.ndarray, max_shift_m: float) -> np.ndarray:
-    """The mask with edges displaced by noise of about `max_shift_m` on the ground, as by twigs and leaves."""
-    tile = band_noise_tile(LEAF_SEED, octaves=3)
-    shift_d, shift_s = (sample_noise(tile, s, ground.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+def _perturb_edges(mask: np.ndarray, ground: Ground, rows: slice, station_m: float, shift_m: float) -> np.ndarray:
+    """Rows of the mask, with edges displaced by noise of about `shift_m` on the ground, as by twigs and leaves."""
+    part, tile = ground.crop(rows), band_noise_tile(LEAF_SEED, octaves=3)
+    s = part.s + np.float32(station_m)
+    shift_d, shift_s = (sample_noise(tile, s, part.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
     v, u = np.indices(s.shape, np.float32)
-    u += np.float32(max_shift_m) * shift_d / np.maximum(np.abs(ground.d_u), 1e-3)
-    v += np.float32(max_shift_m) * shift_s / np.maximum(ground.footprint_s, 1e-2)
+    u += np.float32(shift_m) * shift_d / np.maximum(np.abs(part.d_u), 1e-3)
+    v += rows.start + np.float32(shift_m) * shift_s / np.maximum(part.footprint_s, MIN_STEP_M)
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 

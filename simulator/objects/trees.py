@@ -8,9 +8,8 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
 from simulator.objects.scene_objects import Tree, vertical_rectangle
-from simulator.painting.brush import Atmosphere, frustum_planes, inside_planes, paint_polygons
+from simulator.painting.brush import Atmosphere, Canvas, heights_above, paint_polygons
 
 LUMPS = 45
 BARK = (0.12, 0.09, 0.07)
@@ -84,22 +83,22 @@ def _seeded(tree: Tree) -> tuple[str, int, float]:
     return tree.species, tree.seed, tree.height_m
 
 
-def project_trees(camera: Camera, trees: list[Tree]) -> list[tuple[Tree, np.ndarray]]:
+def project_trees(canvas: Canvas, trees: list[Tree]) -> list[tuple[Tree, np.ndarray]]:
     """Trees in the view of the lens, with the pixels (2, 2) of foot and top; all in one call, because they are many."""
     if not trees:
         return []
     foot = np.array([[t.x_m, t.y_m, t.base_m + t.ground_height_m] for t in trees])
     # Points a little above the foot: the top can be outside the view of a lens that sees the trunk.
     ends = foot[:, None] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
-    seen = np.flatnonzero(np.all(inside_planes(ends, frustum_planes(camera)), axis=1))
-    pixels = camera.road_to_pixels(ends[seen].reshape(-1, 3)).reshape(-1, 2, 2)
+    seen = np.flatnonzero((heights_above(canvas.frustum, ends) >= -1e-9).all(axis=(1, 2)))
+    pixels = canvas.camera.road_to_pixels(ends[seen].reshape(-1, 3)).reshape(-1, 2, 2)
     rise, height = pixels[:, 1] - pixels[:, 0], np.array([t.height_m for t in trees])[seen, None]
     lines = np.stack([pixels[:, 0] - 0.9 * rise, pixels[:, 0] + (height - 0.9) * rise], axis=1)
     return [(trees[i], line) for i, line in zip(seen, lines, strict=True)]
 
 
-def paint_tree(image: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a tree between its projected foot and top (2, 2), from the far lumps to the near ones, in place."""
+def paint_tree(canvas: Canvas, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a tree between its projected foot and top (2, 2), from the far lumps to the near ones."""
     kind, lumps = SPECIES[tree.species], crown(*_seeded(tree))
     up = (ends_px[1] - ends_px[0]) / tree.height_m
     right = np.array([-up[1], up[0]])
@@ -121,4 +120,4 @@ def paint_tree(image: np.ndarray, tree: Tree, ends_px: np.ndarray, sun: np.ndarr
     light = np.clip(0.40 + 0.45 * side @ sun, 0.05, 1)[:, None]
     shade, bright = np.array(kind.shade_colour), np.array(kind.sun_colour)
     colours = np.vstack([0.5 * np.array(BARK), shade + light * (bright - shade)])
-    paint_polygons(image, [trunk, *blots], colours, atmosphere=air)
+    paint_polygons(canvas, [trunk, *blots], colours, atmosphere=air)

@@ -12,10 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lanes.camera import Camera
 from simulator.light.sunlight import irradiance
 from simulator.objects.scene_objects import Car, yaw_rotation
-from simulator.painting.brush import Atmosphere, face_normals, outside_picture, paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, Canvas, face_normals, paint_polygons
 
 PAINTS = {
     "white": (0.74, 0.74, 0.72),
@@ -191,13 +190,13 @@ def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tup
     return Faces.of(corners[BOX_FACES], albedo, layer)
 
 
-def paint_vehicle(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint the visible faces of a vehicle and its contact shadow over an image, in place."""
+def paint_vehicle(canvas: Canvas, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint the visible faces of a vehicle and its contact shadow."""
     turn, place = yaw_rotation(car.heading_rad), np.array([car.x_m, car.y_m, car.ground_height_m])
-    if outside_picture(outline_points(car.body) @ turn.T + place, camera):
+    if canvas.misses(outline_points(car.body) @ turn.T + place):
         return
     faces = vehicle_faces(car.body, car.paint)
-    eye = (np.array([0, 0, camera.require_pose().height_m]) - place) @ turn
+    eye = (np.array([0, 0, canvas.camera.require_pose().height_m]) - place) @ turn
     normal, to_eye = face_normals(faces.corners_m), eye - faces.corners_m.mean(axis=1)
     seen = np.flatnonzero((normal * to_eye).sum(axis=1) > 0)
     # Parts on the body keep their order; the others are sorted from far to near.
@@ -205,8 +204,8 @@ def paint_vehicle(image: np.ndarray, camera: Camera, car: Car, sun: np.ndarray, 
     colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
     ground = footprint(car.body)
     corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + place
-    pixels = project_faces(camera, corners)
+    pixels = canvas.project_faces(corners)
     blur = float(np.clip(40 / max(np.hypot(car.x_m, car.y_m), 1), 0.5, 4))
     dark = np.full((2, 3), 0.004)
-    paint_polygons(image, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
-    paint_polygons(image, pixels[:-2], colours, atmosphere=air)
+    paint_polygons(canvas, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+    paint_polygons(canvas, pixels[:-2], colours, atmosphere=air)

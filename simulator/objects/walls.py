@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from lanes.camera import Camera
 from simulator.light.sunlight import irradiance
-from simulator.painting.brush import Atmosphere, face_normals, paint_polygons, project_faces
+from simulator.painting.brush import Atmosphere, Canvas, face_normals, paint_polygons
 from simulator.painting.noise import smoothstep
 
 # Sorting distance of a fully visible bank: behind everything.
@@ -156,8 +155,8 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along
 
 
-def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a segment of a wall over an image, from far to near, in place."""
+def paint_wall(canvas: Canvas, wall: Wall, sun: np.ndarray, air: Atmosphere) -> None:
+    """Paint a segment of a wall, from far to near."""
     kind, lines, panel = WALLS[wall.kind], wall.lines(), (wall.along() / PANEL_M).astype(int) % PANELS
     rng = np.random.default_rng([wall.seed, 5])
     lines[1:, :, 2] += (lines[1:] - lines[0])[..., 2] * kind.ragged * rng.standard_normal(PANELS)[panel]
@@ -170,4 +169,4 @@ def paint_wall(image: np.ndarray, camera: Camera, wall: Wall, sun: np.ndarray, a
         colours.append(tone * colour * irradiance(face_normals(faces[-1]) * wall.side, sun) / 0.8 * light)
     corners = np.concatenate(faces)
     order = np.argsort(-np.linalg.norm(corners.mean(axis=1), axis=1), kind="stable")
-    paint_polygons(image, project_faces(camera, corners[order]), np.concatenate(colours)[order], atmosphere=air)
+    paint_polygons(canvas, canvas.project_faces(corners[order]), np.concatenate(colours)[order], atmosphere=air)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import cv2
@@ -23,13 +24,43 @@ class Atmosphere(NamedTuple):
     airlight: np.ndarray | float = 0.0
 
 
-@lru_cache(maxsize=4)
-def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
-    """View frustum in the road frame: the half spaces in which a point can be projected.
+@dataclass(frozen=True, eq=False)
+class Canvas:
+    """Image (H, W, 3) float32 of linear RGB that objects are painted over, in place, and the camera that sees them."""
 
-    Rows (nx, ny, nz, d) of the result (5, 4); a point p is inside where n.p + d >= 0. The first row is the near plane,
-    the others are the sides of a pyramid around the image, `wider` times its width, limited to the valid range of the
-    distortion polynomial.
+    image: np.ndarray
+    camera: Camera
+
+    @cached_property
+    def frustum(self) -> np.ndarray:
+        """Half spaces in which a point can be projected; see `_frustum_planes`."""
+        return _frustum_planes(self.camera, 1.15)
+
+    @cached_property
+    def _border(self) -> np.ndarray:
+        return _frustum_planes(self.camera, 1.05)
+
+    def misses(self, points_m: np.ndarray) -> np.ndarray:
+        """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the image, blur included."""
+        return (heights_above(self._border, points_m) < 0).all(axis=-2).any(axis=-1)
+
+    def project_faces(self, faces_m: np.ndarray) -> list[np.ndarray]:
+        """Pixels (N, 2) of the corners of each face (F, 4, 3), clipped to the view frustum; empty for one outside."""
+        whole = (heights_above(self.frustum, faces_m) >= -1e-9).all(axis=(1, 2))
+        pixels = np.zeros((*faces_m.shape[:2], 2))
+        pixels[whole] = self.camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, faces_m.shape[1], 2)
+        result = list(pixels)
+        for i, missed in zip(np.flatnonzero(~whole), self.misses(faces_m[~whole]), strict=True):
+            points = np.empty((0, 3)) if missed else clip_polygon(faces_m[i], self.frustum)
+            result[i] = self.camera.road_to_pixels(points) if len(points) >= 3 else np.empty((0, 2))
+        return result
+
+
+def _frustum_planes(camera: Camera, wider: float) -> np.ndarray:
+    """View frustum in the road frame: rows (nx, ny, nz, d) of half spaces (5, 4); a point p is inside if n.p + d >= 0.
+
+    The first is the near plane, the others are the sides of a pyramid around the image, `wider` times its width,
+    limited to the valid range of the distortion polynomial.
     """
     width, height = camera.size
     across, down = np.linspace(0, width - 1, 9), np.linspace(0, height - 1, 9)
@@ -43,15 +74,10 @@ def frustum_planes(camera: Camera, wider: float = 1.15) -> np.ndarray:
     return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], planes])
 
 
-def inside_planes(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
-    """Mask (...,) of the points (..., 3) that lie inside all planes."""
-    return (points_m @ planes[:, :3].T + planes[:, 3] >= -1e-9).all(axis=-1)
-
-
-def outside_picture(points_m: np.ndarray, camera: Camera) -> np.ndarray:
-    """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the image, blur included."""
-    planes = frustum_planes(camera, 1.05)
-    return (points_m @ planes[:, :3].T + planes[:, 3] < 0).all(axis=-2).any(axis=-1)
+def heights_above(planes: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+    """Distances (..., P) of points (..., 3) from planes (P, 4), > 0 inside."""
+    # One matrix product, because numpy multiplies a stack of small matrices one by one.
+    return (points_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]).reshape(*points_m.shape[:-1], len(planes))
 
 
 def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
@@ -82,21 +108,8 @@ def face_normals(corners_m: np.ndarray) -> np.ndarray:
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 
-def project_faces(camera: Camera, faces_m: np.ndarray) -> list[np.ndarray]:
-    """Pixels (N, 2) of the corners of each face (F, 4, 3), clipped to the view frustum; empty for a face outside."""
-    planes = frustum_planes(camera)
-    whole = inside_planes(faces_m, planes).all(axis=1)
-    pixels = np.zeros((*faces_m.shape[:2], 2))
-    pixels[whole] = camera.road_to_pixels(faces_m[whole].reshape(-1, 3)).reshape(-1, faces_m.shape[1], 2)
-    result = list(pixels)
-    for i in np.flatnonzero(~whole):
-        points = np.empty((0, 3)) if outside_picture(faces_m[i], camera) else clip_polygon(faces_m[i], planes)
-        result[i] = camera.road_to_pixels(points) if len(points) >= 3 else np.empty((0, 2))
-    return result
-
-
 def paint_polygons(
-    image: np.ndarray,
+    canvas: Canvas,
     polygons_px: list[np.ndarray],
     colours: np.ndarray,
     *,
@@ -104,37 +117,39 @@ def paint_polygons(
     opacity: np.ndarray | None = None,
     softness_px: float = 0.35,
 ) -> None:
-    """Paint anti-aliased convex polygons over an image (H, W, 3) float32 of linear RGB, in place.
+    """Paint anti-aliased convex polygons over a canvas, in place.
 
     `polygons_px` (N, 2) are raw pixels; later ones are in front, empty ones are skipped. `colours` (F, 3) are linear
     RGB, `opacity` (F,) is 1 by default. `softness_px` is the standard deviation of the blur of the whole group, so that
     no edge is sharper than the lens allows.
     """
-    height, width = image.shape[:2]
     points = np.concatenate([np.empty((0, 2)), *polygons_px])
     if not len(points):
         return
     margin = 2 + int(3 * softness_px)
     low = np.maximum(np.floor(points.min(axis=0)).astype(int) - margin, 0)
-    high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, [width, height])
+    high = np.minimum(np.ceil(points.max(axis=0)).astype(int) + margin + 1, canvas.camera.size)
     if (high <= low).any():
         return
     opacity = np.ones(len(polygons_px)) if opacity is None else opacity
     paint = np.column_stack([np.asarray(colours) * opacity[:, None], opacity]).tolist()
-    ends = np.cumsum([len(polygon) for polygon in polygons_px])
-    layer = _fill_polygons(np.split(points - low, ends[:-1]), paint, high - low)
-    composite(image, cv2.GaussianBlur(layer, (0, 0), softness_px), int(low[0]), int(low[1]), atmosphere)
+    ends = np.cumsum([len(polygon) for polygon in polygons_px]).tolist()
+    layer = _fill_polygons(points - low, ends, paint, high - low)
+    composite(canvas.image, cv2.GaussianBlur(layer, (0, 0), softness_px), int(low[0]), int(low[1]), atmosphere)
 
 
-def _fill_polygons(polygons: list[np.ndarray], paint: list[list[float]], size: np.ndarray) -> np.ndarray:
-    """Anti-aliased RGBA layer (height, width, 4) of polygons, each filled with its entry of `paint`."""
+def _fill_polygons(points: np.ndarray, ends: list[int], paint: list[list[float]], size: np.ndarray) -> np.ndarray:
+    """Anti-aliased RGBA layer (height, width, 4) of polygons, each filled with its entry of `paint`.
+
+    `points` (N, 2) are those of all polygons, `ends` the index after the last point of each.
+    """
     # Supersampling by 4 in each direction; 2 is enough for a large object.
     fine = 4 if size[0] * size[1] < 60_000 else 2
     layer = np.zeros((size[1] * fine, size[0] * fine, 4), np.float32)
-    for polygon, rgba in zip(polygons, paint, strict=True):
-        if len(polygon):
-            corners = np.rint(((polygon + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
-            cv2.fillConvexPoly(layer, corners, rgba, cv2.LINE_8, _SHIFT)
+    corners = np.rint(((points + 0.5) * fine - 0.5) * (1 << _SHIFT)).astype(np.int32)
+    for first, last, rgba in zip([0, *ends[:-1]], ends, paint, strict=True):
+        if first < last:
+            cv2.fillConvexPoly(layer, corners[first:last], rgba, cv2.LINE_8, _SHIFT)
     # Halve once or twice, because OpenCV is faster at halving than at quartering.
     while fine > 1:
         fine //= 2
@@ -150,6 +165,17 @@ def composite(image: np.ndarray, layer: np.ndarray, left: int, top: int, air: At
     colour = [cv2.addWeighted(planes[k], transmittance[k], alpha, airlight[k], 0) for k in range(3)]
     window *= cv2.merge([1 - alpha] * 3)
     window += cv2.merge(colour)
+
+
+def blend_pixels(image: np.ndarray, pixels: np.ndarray, share: np.ndarray, colour: np.ndarray) -> None:
+    """Blend a colour, (3,) or (3, K) float32, over an image (H, W, 3), in place.
+
+    `pixels` (K,) are indices into the raveled rows and columns, `share` (K,) is the opacity in each of them.
+    """
+    # Channel by channel, because numpy is slow where the innermost axis has three elements.
+    for channel, value in zip(image.reshape(-1, 3).T, colour, strict=True):
+        below = channel[pixels]
+        channel[pixels] = below + share * (value - below)
 
 
 def split_channels(image: np.ndarray) -> np.ndarray:

@@ -95,7 +95,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     _composite_ground(light, ground_light, ground, daylight=drive.night is None)
     bare = light.copy()
     _paint_objects(light, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
-    hidden = (light != bare).any(axis=2)
+    hidden = cv2.transform(cv2.compare(light, bare, cv2.CMP_NE), np.ones((1, 3))) > 0
     if mirror is not None or drive.night is not None:
         lamps = visible_lamps(objects, camera)
         if mirror is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields
 import cv2
 import numpy as np
 
+from simulator.painting.brush import blend_pixels
 from simulator.painting.noise import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 from simulator.road.surface import MATERIALS, Material, Patch, Seam, Surface
@@ -166,9 +167,8 @@ def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, s: np.ndarray, s
     offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
     d_u = np.abs(d_u) + np.float32(seam.soft_m)
     beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, d_v)
-    flat = albedo.reshape(-1, 3)
-    share = np.clip(beyond_low - beyond_high, 0, 1)[:, None] * np.float32(seam.strength)
-    flat[pixels] += share * (np.array(seam.colour, np.float32) - flat[pixels])
+    share = np.clip(beyond_low - beyond_high, 0, 1) * np.float32(seam.strength)
+    blend_pixels(albedo, pixels, share, np.array(seam.colour, np.float32))
 
 
 def _paint_verge(
@@ -205,5 +205,4 @@ def _paint_verge(
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust
-    flat = albedo.reshape(-1, 3)
-    flat[pixels] += share[:, None] * (verge.T - flat[pixels])
+    blend_pixels(albedo, pixels, share, verge)

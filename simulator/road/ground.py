@@ -51,8 +51,7 @@ class Ground:
 
         `lateral_m` (rows, width) replaces d for strips that are not parallel to the road.
         """
-        middle, half = self.d if lateral_m is None else lateral_m, self.footprint_d / 2
-        right, left = middle - half, middle + half
+        right, left = self._sides if lateral_m is None else (lateral_m - self._half_d, lateral_m + self._half_d)
         # OpenCV's stubs miss scalars
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)  # type: ignore[call-overload]
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)  # type: ignore[call-overload]
@@ -74,6 +73,15 @@ class Ground:
     def footprint_d(self) -> np.ndarray:
         """Width of the footprint across the road, metres."""
         return np.abs(self.d_u) + np.abs(self.d_v)
+
+    @cached_property
+    def _half_d(self) -> np.ndarray:
+        return self.footprint_d / 2
+
+    @cached_property
+    def _sides(self) -> tuple[np.ndarray, np.ndarray]:
+        """Right and left ends of the footprint, cached because every marking needs them."""
+        return self.d - self._half_d, self.d + self._half_d
 
 
 @lru_cache(maxsize=2)

@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from simulator.painting.brush import blend_pixels
 from simulator.painting.noise import band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
@@ -122,14 +123,10 @@ def paint_markings(
             continue
         if marking.wear:
             coverage = coverage * worn(marking.wear, ground, pixels, station_m, seed + number)
-        _blend(albedo, pixels, coverage, marking.colour)
+        colour = np.array(marking.colour, np.float32)
+        blend_pixels(albedo, pixels, coverage, colour)
         if marking.dots:
-            _blend(albedo, *paint_coverage(_dots(marking), ground, station_m=station_m), marking.colour)
-
-
-def _blend(albedo: np.ndarray, pixels: np.ndarray, coverage: np.ndarray, colour: tuple[float, float, float]) -> None:
-    flat = albedo.reshape(-1, 3)
-    flat[pixels] += coverage[:, None] * (np.array(colour, np.float32) - flat[pixels])
+            blend_pixels(albedo, *paint_coverage(_dots(marking), ground, station_m=station_m), colour)
 
 
 def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
@@ -176,7 +173,7 @@ def paint_symbols(
         pixels, coverage = symbol_coverage(symbol, ground, station_m=station_m)
         if len(pixels):
             coverage = coverage * worn(symbol.wear, ground, pixels, station_m, seed + number)
-            _blend(albedo, pixels, coverage, WHITE)
+            blend_pixels(albedo, pixels, coverage, np.array(WHITE, np.float32))
 
 
 def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
