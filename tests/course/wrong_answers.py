@@ -215,7 +215,6 @@ WRONG_ANSWERS["10.1"] = [
     (_FILTER.format("np.abs(centre - np.maximum(left, right)) / noise"), "take no absolute value"),
     (_FILTER.format("(np.maximum(left, right) - centre) / noise"), "Subtract the road from the stripe"),
     (_FILTER.format("centre - np.maximum(left, right)"), "divide by 1 + n"),
-    (_FILTER.format("(centre - np.maximum(left, right)) / (noise - 1)"), "divide by 1 + n"),
     (_FILTER.replace("51", "5").format(_RESPONSE), "mean over 51 cells"),
     (_FILTER.replace("width // 2 + 3", "4").format(_RESPONSE), "double line"),
     (_FILTER.replace("width // 2 + 3", "width // 2 + 2").format(_RESPONSE), "Check gap"),
