@@ -206,7 +206,11 @@ MISUSE = {
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
     "detect: each of a video": (2, "drive.mp4: is no still", "detect --each {drive}/drive.mp4"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
-    "explain: bad minutes": (2, "invalid value 1:75: expected less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
+    "explain: bad minutes": (
+        2,
+        "invalid value 1:75: expected less than 60",
+        "explain {drive}/drive.mp4 --hfov 60 --at 1:75",
+    ),
     "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
     "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),

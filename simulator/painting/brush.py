@@ -42,7 +42,7 @@ class Canvas:
 
     def misses(self, points_m: np.ndarray) -> np.ndarray:
         """Mask (...,) of the point sets (..., N, 3) whose convex hull is outside the image, blur included."""
-        return (heights_above(self._border, points_m) < 0).all(axis=-2).any(axis=-1)
+        return np.asarray((heights_above(self._border, points_m) < 0).all(axis=-2).any(axis=-1))
 
     def project_faces(self, faces_m: np.ndarray) -> list[np.ndarray]:
         """Pixels (N, 2) of the corners of each face (F, 4, 3), clipped to the view frustum; empty for one outside."""
