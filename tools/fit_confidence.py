@@ -271,7 +271,8 @@ def fit_logistic(
 
     Newton's method with an L2 penalty on features of unit variance. `fixed` weights, by their column, are given.
     """
-    information = RIDGE * features.var(axis=0)
+    # a feature that is the same in all lanes gets no weight
+    information = RIDGE * np.maximum(features.var(axis=0), 1e-3)
     information[0] = CONSTANT_RIDGE
     given = np.zeros(features.shape[1])
     for column, value in (fixed or {}).items():

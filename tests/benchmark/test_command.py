@@ -41,7 +41,8 @@ def folder(tmp_path_factory) -> Path:
 @pytest.fixture(scope="module")
 def done(folder) -> subprocess.CompletedProcess:
     command = process("benchmark", folder / "bend.mp4", "-o", folder / "out", "--workers", 2)
-    environment = {"LANES_CACHE": str(folder / "cache"), "PATH": "", "HOME": str(folder)}
+    # threads of several processes would wait for each other on a busy machine
+    environment = {"LANES_CACHE": str(folder / "cache"), "PATH": "", "HOME": str(folder), "OMP_NUM_THREADS": "1"}
     return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
 
 
