@@ -260,7 +260,7 @@ class Table:
         source, group = np.array([one.source for one in samples]), np.array([one.group for one in samples])
         _, of, count = np.unique(group, return_inverse=True, return_counts=True)
         weight = np.array([SOURCE_WEIGHTS[name] for name in source]) * np.minimum(1, GROUP_LANES / count[of])
-        features = np.array([[*one.features.values()] for one in samples]).reshape(len(samples), -1)
+        features = np.array([[*one.features.values()] for one in samples])
         return cls(features, np.array([one.right for one in samples]), weight, source, group)
 
 
@@ -325,7 +325,8 @@ def print_calibration(name: str, confidence: np.ndarray, correct: np.ndarray, dr
             bounds = f"{low:.2f} to {min(high, 1):.2f}"
             interval = " to ".join(f"{limit:.1%}" for limit in mean_interval(correct[some], drive[some]))
             print(f"  confidence {bounds}: {some.sum():5d} lanes, mean {mean:.1%}, {accuracy:.1%} correct ({interval})")
-    print(f"  {(confidence[correct] >= 0.9).mean():.1%} of the correct lanes have a confidence of 0.9 or more")
+    if correct.any():
+        print(f"  {(confidence[correct] >= 0.9).mean():.1%} of the correct lanes have a confidence of 0.9 or more")
 
 
 def main() -> None:
@@ -339,10 +340,11 @@ def main() -> None:
     cv2.setNumThreads(1)
     present = np.array([*WEIGHTS.values()])
     if options.markings:
-        table = Table.of(samples_of_painted_roads(load_markings(options.markings)))
-        log_odds = table.features.reshape(-1, len(present)) @ present
-        if not table.right.any():
+        samples = samples_of_painted_roads(load_markings(options.markings))
+        if not any(one.right for one in samples):
             raise SystemExit(f"{options.markings}: no lane found with this network is right; check its YAML file.")
+        table = Table.of(samples)
+        log_odds = table.features @ present
         shift = fit_shift(log_odds, table.right, table.weight)
         print_calibration(f"{options.markings}, without a shift", logistic(log_odds), table.right, table.group)
         print_calibration(f"{options.markings}, with the shift", logistic(log_odds + shift), table.right, table.group)

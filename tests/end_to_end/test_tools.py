@@ -19,6 +19,7 @@ from simulator.road.truth import truth_row
 from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
+from tools import fit_confidence
 from tools.ablation import ALL_ON, MECHANISMS, measure, with_value
 from tools.budgets import compare_sizes, measure_sizes
 from tools.fit_confidence import PAINTED, Sample, Table, fit_logistic, fit_shift, label_lanes, left_out, logistic
@@ -77,6 +78,13 @@ class TestTheFit:
         weight = 1 + (log_odds > 0)
         assert fit_shift(log_odds, chance < logistic(log_odds - 1.5), weight) == pytest.approx(-1.5, abs=0.1)
         assert fit_shift(log_odds, chance < 2, weight) == pytest.approx(6.0)
+
+    def test_a_network_that_finds_no_lane_has_no_constant(self, monkeypatch):
+        monkeypatch.setattr("sys.argv", ["fit_confidence", "--markings", "model.onnx"])
+        monkeypatch.setattr("tools.fit_confidence.load_markings", lambda path: path)
+        monkeypatch.setattr("tools.fit_confidence.samples_of_painted_roads", lambda markings: [])
+        with pytest.raises(SystemExit, match=r"model\.onnx: no lane found with this network is right"):
+            fit_confidence.main()
 
     def test_lanes_are_judged_by_their_own_truth(self):
         rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(9)]
