@@ -341,7 +341,7 @@ def _fit_fisheye_lens(
 
 # Summary of a calibration in words and as a contact sheet.
 
-# Borders of the 3 x 3 regions of a image, as shares of width and height, and their names. Distortion is largest in
+# Borders of the 3 x 3 regions of an image, as shares of width and height, and their names. Distortion is largest in
 # the outer quarters.
 _REGION_BORDERS = (0.0, 0.25, 0.75, 1.0)
 _REGION_NAMES = ("upper left", "top", "upper right", "left", "middle", "right", "lower left", "bottom", "lower right")

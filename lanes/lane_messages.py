@@ -88,7 +88,7 @@ class LaneMessageWriter(TelemetryWriter):
         markers, ends_m = [], lane.ends_m if lane else (0.0, 0.0)
         for number, line in enumerate((*lane.lines, *lane.adjacent) if lane else (None,) * 4):
             x_m = SHARES * (line.reach_m if number > 1 else ends_m[number]) if line else SHARES
-            offset_m = lane.camera.offset_m if lane and lane.camera else 0.0
+            offset_m = lane.camera_offset_m if lane else 0.0
             yz_m = (line.y(x_m) + offset_m, road_height(line.model, x_m)) if line else ()
             points = [t["Point"](*xyz) for xyz in np.column_stack([x_m, *yz_m]) if line and np.isfinite(xyz).all()]
             rgba = t["ColorRGBA"](*colour, _SEEN_ALPHA if line and line.seen else INFERRED_ALPHA)

@@ -81,13 +81,13 @@ def find_evidence(
         strength, sources = (np.maximum(strength, of_mask), [*sources, "mask"]) if own else (of_mask, ["mask"])
     response = replace(band, strength=strength)
     stripes = find_stripes(response, view, settings)
-    if len(sources) > 1 or mask is not None:
+    if strength is not band.strength:
         stripes, band_strength = place(stripes, band.strength, view, settings)
-    if mask is not None:
-        # a stripe of a mask alone is as exact as its pixels, and has no profile
-        cell_px = 1 if own else max(view.camera.width / mask.probability.shape[1], 1)
-        std_m = np.where(band_strength > settings.half_weight_strength, 1, cell_px) * stripes.std_m
-        stripes = replace(stripes, std_m=std_m, measurable=band_strength > settings.min_strength)
+        if mask is not None:
+            # a stripe of a mask alone is as exact as its pixels, and has no profile
+            cell_px = 1 if own else max(view.camera.width / mask.probability.shape[1], 1)
+            std_m = np.where(band_strength > settings.half_weight_strength, 1, cell_px) * stripes.std_m
+            stripes = replace(stripes, std_m=std_m, measurable=band_strength > settings.min_strength)
     if edges is not None:
         stripes = stripes.joined(_edge_stripes(replace(band, strength=edges), view, settings))
     shift = mask.confidence_shift if mask else 0.0

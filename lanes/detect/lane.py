@@ -247,9 +247,14 @@ class Lane(ByValue):
         return float(1 / (1 + np.exp(-log_odds(self))))
 
     @property
+    def camera_offset_m(self) -> float:
+        """Position of the camera left of the middle of the car."""
+        return self.camera.offset_m if self.camera else 0.0
+
+    @property
     def offset_m(self) -> float:
         """Position of the middle of the car left of the lane centre."""
-        return float(-self.model[CENTRE]) - (self.camera.offset_m if self.camera else 0.0)
+        return float(-self.model[CENTRE]) - self.camera_offset_m
 
     @property
     def offset_std_m(self) -> float:
