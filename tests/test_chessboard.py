@@ -116,7 +116,7 @@ def test_pictures_without_a_board_give_none(name):
 
 def test_a_complete_board_that_fails_the_tests_is_doubtful(monkeypatch):
     """So does one near the border of a fisheye lens. Whether that explains it is for the calibration to decide."""
-    monkeypatch.setattr("lanes.chessboard.MAX_UNEVENNESS", 1e-4)
+    monkeypatch.setattr("lanes.chessboard._MAX_UNEVENNESS", 1e-4)
     image, true_px = picture(12)
     assert find_board(image) is None
     board = find_board(image, doubtful=True)
