@@ -119,7 +119,7 @@ class PoseEstimate(ByValue):
     def describe(self) -> str:
         """Several lines of text: the summary and the notes."""
         lines = [f"{name:<8} {text}" for name, text in self.summary().items()]
-        return "\n".join(lines + [f"note: {note}" for note in self.notes])
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
 
     def summary_line(self) -> str:
         """One line with the numbers."""
@@ -136,15 +136,11 @@ class PoseEstimate(ByValue):
         by_roll_cm = 200 * self.roll_std_rad * (height_m + 1.8**2 / height_m)
         why = "lanes may be wider or narrower" if self.state == ESTIMATED else "the height is assumed"
         width = f" and {self.height_std_m / height_m:.0%} ({why})" if self.height_std_m else ""
-        good = (
-            f"expect offset and lane width to be good to {max(1 if self.camera.calibrated else 3, by_roll_cm):.0f} cm"
-        )
-        if self.camera.calibrated:
-            return f"{good}{width}, distances and curvature likewise"
-        return (
-            f"{good}{width}; distances ahead to be off as much as the focal length, which was not calibrated, and "
-            "curvature twice as much"
-        )
+        least_cm, others = 1, ", distances and curvature likewise"
+        if not self.camera.calibrated:
+            least_cm, others = 3, "; distances ahead to be off as much as the focal length, which was not calibrated, "
+            others += "and curvature twice as much"
+        return f"expect offset and lane width to be good to {max(least_cm, by_roll_cm):.0f} cm{width}{others}"
 
     def __repr__(self) -> str:
         return f"PoseEstimate({', '.join(f'{name} {text}' for name, text in self.summary().items())})"
@@ -181,7 +177,7 @@ def estimate_pose(
     Parameters
     ----------
     source : path, array, or iterable of paths or of arrays
-        A video, a picture, a folder of them, or a pattern such as ``drive/*.jpg``; or images (height, width, 3), uint8,
+        A video, a still, a folder of them, or a pattern such as ``drive/*.jpg``; or images (height, width, 3), uint8,
         RGB, raw, of the camera's size. All images are kept in memory; 20 to 60, spread over the drive, are enough.
     lane_width_m : float, optional
         Distance between the centres of the ego lane's lines; it determines the height. By default `LANE_WIDTH_M` for
