@@ -145,7 +145,7 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
     if board := find_board(image, found.pattern, doubtful=True):
         found.boards[name] = board
     else:
-        found.unused[name] = _no_board(found.pattern)
+        found.unused[name] = "no chessboard of {}x{} inner corners, nor a part of one".format(*found.pattern)
     scale = min(_TILE_PX[0] / image.shape[1], _TILE_PX[1] / image.shape[0])
     size = [max(1, round(scale * length)) for length in image.shape[1::-1]]
     found.tiles[name] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -162,10 +162,6 @@ def _most_different(boards: Mapping[str, Board]) -> list[str]:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.abs(outlines - outlines[chosen[-1]]).max(axis=(1, 2)))
     return [list(boards)[index] for index in chosen]
-
-
-def _no_board(pattern: tuple[int, int]) -> str:
-    return f"no chessboard of {pattern[0]}x{pattern[1]} inner corners, nor a part of one"
 
 
 def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
@@ -324,8 +320,10 @@ def _fit_fisheye_lens(
     focal_px = max(size) / np.pi
     guess = np.array([[focal_px, 0, (size[0] - 1) / 2], [0, focal_px, (size[1] - 1) / 2], [0, 0, 1]])
     flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
-    _, matrix, distortion, *poses = cv2.fisheye.calibrate(on_board, in_image, size, guess, np.zeros(4), flags=flags)
-    boards = zip(on_board, in_image, *poses, strict=True)
+    _, matrix, distortion, turns, shifts = cv2.fisheye.calibrate(
+        on_board, in_image, size, guess, np.zeros(4), flags=flags
+    )
+    boards = zip(on_board, in_image, turns, shifts, strict=True)
     errors_px = [_fisheye_error_px(*board, (matrix, distortion)) for board in boards]
     return matrix, distortion, np.array(errors_px), 0.0
 

@@ -23,7 +23,7 @@ from lanes.camera_formats import as_ros_layout, dump_yaml, parse_camera_yaml, pa
 from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
-from lanes.lens import LENS_MODELS, distort_angle, largest_ray
+from lanes.lens import LENS_MODELS, LensModel, distort_angle, largest_ray
 
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
@@ -293,8 +293,7 @@ class Camera(ByValue):
         # Most pixels need ten steps of the fixed-point iteration, the corners of a 100 degree lens several hundred:
         # there 50 steps leave an error of one pixel, and the default of 5 steps one of forty.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
-        opencv = LENS_MODELS[len(self.distortion)].opencv
-        xy = opencv.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
+        xy = self.model.opencv.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
         return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
@@ -317,9 +316,14 @@ class Camera(ByValue):
         return directions[:, :2] * distance[:, None]
 
     @property
+    def model(self) -> LensModel:
+        """The lens model, which the number of coefficients tells."""
+        return LENS_MODELS[len(self.distortion)]
+
+    @property
     def is_fisheye(self) -> bool:
         """Whether the distortion is that of a fisheye lens: a polynomial of the angle to the optical axis."""
-        return LENS_MODELS[len(self.distortion)].is_fisheye
+        return self.model.is_fisheye
 
     @property
     def largest_ray(self) -> float:
@@ -338,7 +342,7 @@ class Camera(ByValue):
         visible = (z > 1e-6) & (np.hypot(x, y) < self.largest_ray * z)
         inverse = 1 / np.where(visible, z, 1.0)
         x, y = x * inverse, y * inverse
-        u, v = LENS_MODELS[len(self.distortion)].distort(x, y, *self.distortion.tolist())
+        u, v = self.model.distort(x, y, *self.distortion.tolist())
         (fx, skew, cx), (_, fy, cy) = self.matrix[:2]
         pixels = np.column_stack([u * fx + v * skew + cx if skew else u * fx + cx, v * fy + cy])
         pixels[~visible] = np.nan
@@ -408,7 +412,7 @@ def camera_to_dict(camera: Camera) -> dict:
         "image_height": int(camera.height),
         "camera_name": "dashcam",
         "camera_matrix": _matrix_entry(camera.matrix),
-        "distortion_model": LENS_MODELS[len(camera.distortion)].name,
+        "distortion_model": camera.model.name,
         "distortion_coefficients": _matrix_entry(np.reshape(camera.distortion, (1, -1))),
         # ROS's parser requires these two: an undistorted image has the same camera matrix
         "rectification_matrix": _matrix_entry(np.eye(3)),
@@ -492,7 +496,8 @@ def _find_fault(
 ) -> str:
     """Why there is no such camera in a car, or nothing. Cached, because pitch motion makes a camera in every frame."""
     (width, height), (fx, skew, _, zero, fy, _, *last) = size, matrix
-    low_m, high_m = CAR_WIDTH_RANGE_M
+    (low_m, high_m), (*counts, last_count) = CAR_WIDTH_RANGE_M, map(str, LENS_MODELS)
+    known = f"{', '.join(counts)} or {last_count}"
     least_px, most_px = 0.1 * width, 60 * width  # fields of view from 157 degrees to 1 degree
     faults = {
         f"a camera {offset_m:g} m beside the middle of the car is not plausible; give {-MAX_OFFSET_M:g} to "
@@ -501,7 +506,7 @@ def _find_fault(
             low_m <= car_width_m <= high_m
         ),
         "its intrinsics are not finite": not np.isfinite([*matrix, *distortion]).all(),
-        f"it has {len(distortion)} distortion coefficients, not 4, 5 or 8": len(distortion) not in LENS_MODELS,
+        f"it has {len(distortion)} distortion coefficients, not {known}": len(distortion) not in LENS_MODELS,
         # those of long focal lengths are several hundred; larger ones overflow the polynomial
         "a distortion coefficient is not between -1e+06 and 1e+06": max(map(abs, distortion), default=0) > 1e6,
         f"{width} x {height} is not a valid image size": not (min(size) > 0 and width * height <= MAX_PIXELS),

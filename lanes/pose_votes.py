@@ -262,9 +262,7 @@ def weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> fl
     """Median of the values (N,) that are not NaN, and of a start, which has half the weight of a certain lane."""
     known = np.isfinite(values)
     values, weights = np.append(values[known], start), np.append(weights[known], 0.5)
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+    return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
 
 
 def std_of_median(values: np.ndarray, motion_std: float) -> float:

@@ -14,7 +14,6 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from lanes.camera import Camera
-from lanes.lens import LENS_MODELS
 
 BEGIN_NS = 1_700_000_000_250_000_000
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
@@ -58,7 +57,7 @@ def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **c
         "header": make_header(stamp_ns, types),
         "height": camera.height,
         "width": camera.width,
-        "distortion_model": LENS_MODELS[len(camera.distortion)].name,
+        "distortion_model": camera.model.name,
         "d": camera.distortion.astype(float),
         "k": camera.matrix.ravel().astype(float),
         "r": np.eye(3).ravel(),
