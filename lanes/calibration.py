@@ -27,22 +27,13 @@ _MIN_VIEWS = 3
 # A board with more than this many times the median error was bent, moved or detected wrongly. On the 20 Udacity boards,
 # paper on a wall, the worst one has 1.5 times the median, and one with wrong corners 2.9 times.
 _OUTLIER_RATIO = 2.5
-# Largest difference between the size of a cropped image and that of the others: two of Udacity's differ by 1 pixel.
-_MAX_CROP_PX = 2
 # Boards below this error are never outliers: it is the error of the corner detection in a compressed image.
 _MIN_OUTLIER_ERROR_PX = 0.3
-# A lens is a fisheye lens if that model reduces the error to this share. The two models fit a normal lens equally well.
-_FISHEYE_ERROR_RATIO = 0.8
 # Largest error that is plausible for a lens, as a share of the image's longer side: 3.2 pixels of 1280, where Udacity's
 # boards, paper on a wall, have 0.9.
 _MAX_ERROR_SHARE = 0.0025
 # Frames of a video that are searched for a board, and the most that are used.
 _VIDEO_FRAMES, _VIDEO_BOARDS = 60, 20
-# Largest standard deviation of the focal length as a share of it; above the first one the result says so. Three tilted
-# real boards reach 0.4 %, and a field of view that is assumed is off by a third.
-_DOUBTFUL_FOCAL_STD, _MAX_FOCAL_STD = 0.02, 0.04
-# Two views of a board are the same if no outer corner differs by more than this share of the image's size.
-_SAME_VIEW_SHARE = 0.01
 _ADVICE = "take images in which the board is tilted by 20 to 45 degrees, each time in another direction"
 
 
@@ -152,13 +143,16 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
 
 
 def _most_different(boards: Mapping[str, Board]) -> list[str]:
-    """The names of the boards in different views, each as far from those before it as possible."""
+    """The names of the boards in different views, each as far from those before it as possible.
+
+    Two views are the same if no outer corner differs by more than 1 % of the image's size.
+    """
     grids = [(board.corners_px.reshape(board.rows, board.columns, 2), board.size) for board in boards.values()]
     # the four outer corners as shares of the image's size
     outlines = np.array([grid[[0, 0, -1, -1], [0, -1, 0, -1]] / size for grid, size in grids])
     chosen: list[int] = []
     distance = np.full(len(boards), np.inf)
-    while len(boards) and distance.max() >= _SAME_VIEW_SHARE:
+    while len(boards) and distance.max() >= 0.01:
         chosen.append(int(distance.argmax()))
         distance = np.minimum(distance, np.abs(outlines - outlines[chosen[-1]]).max(axis=(1, 2)))
     return [list(boards)[index] for index in chosen]
@@ -204,7 +198,8 @@ def calibrate_boards(boards: Mapping[str, Board], unused: Mapping[str, str] | No
     """
     sizes = Counter(board.size for board in boards.values())
     size = max(sizes, key=lambda size: (sizes[size], size))
-    used = {name: b for name, b in boards.items() if np.abs(np.subtract(b.size, size)).max() <= _MAX_CROP_PX}
+    # cropped images: two of Udacity's differ by a pixel
+    used = {name: board for name, board in boards.items() if np.abs(np.subtract(board.size, size)).max() <= 2}
     reason = "image is {}x{} pixels, the others {}x{}; take all with one setting"
     rejected = {name: reason.format(*board.size, *size) for name, board in boards.items() if name not in used}
     sure = {name: board for name, board in used.items() if not board.doubtful}
@@ -256,7 +251,7 @@ def _explains_more(fisheye: _Fit, boards: dict[str, Board], size: tuple[int, int
         normal = _fit_once({name: boards[name] for name in fisheye.errors_px}, size, {}, fisheye=False)
     except CameraError:
         return True
-    return fisheye.rms_px < _FISHEYE_ERROR_RATIO * normal.rms_px
+    return fisheye.rms_px < 0.8 * normal.rms_px  # the two models fit a normal lens equally well
 
 
 def _fit_without_outliers(
@@ -304,7 +299,8 @@ def _fit_normal_lens(
         points, pixels, size, None, None
     )
     focal, focal_std = float(matrix[0, 0]), float(std[0, 0])
-    if not (np.isfinite(matrix).all() and focal_std <= _MAX_FOCAL_STD * focal):
+    # three tilted real boards reach 0.4 %, and a field of view that is assumed is off by a third
+    if not (np.isfinite(matrix).all() and focal_std <= 0.04 * focal):
         raise CameraError(
             f"these boards do not determine the focal length ({focal:.0f} +- {focal_std:.0f} px); {_ADVICE}."
         )
@@ -357,7 +353,7 @@ def describe_calibration(detections: BoardDetections, camera: Camera) -> str:
         f"horizontal field of view {camera.hfov_deg:.1f} deg, distortion included",
         _describe_coverage([detections.boards[name] for name in report.board_rms_px]),
     ]
-    if (share := report.focal_std_share) > _DOUBTFUL_FOCAL_STD:
+    if (share := report.focal_std_share) > 0.02:  # three tilted real boards reach 0.004
         uncertain = f"the focal length is uncertain by {share:.1%}, and with it distances and curvature"
         lines.append(f"warning: {uncertain}; {_ADVICE}")
     return "\n".join(lines)
