@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE, log_odds
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
-from lanes.detect.search import DetectorSettings
-from lanes.stills import HEIGHT_RANGE_M, StillDetection, search_at_heights
+from lanes.detect.search import DetectorSettings, StillDetection
+from lanes.stills import HEIGHT_RANGE_M, search_at_heights
 
 # Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars. Vans, lorries, carts and motorcycles are
 # rarer, by this factor at most.
@@ -68,7 +68,7 @@ def _vote(still: StillDetection) -> float:
     if still.lane is None:
         return 0.0
     middle = float(_lines_seen(still, MIDDLE_LINE, np.zeros(1))[0, 0])
-    return float(np.exp(log_odds(still.lane) - LINE_LOG_ODDS * middle))
+    return float(np.exp(still.lane.log_odds - LINE_LOG_ODDS * middle))
 
 
 def vote_rolls(stills: Sequence[StillDetection]) -> np.ndarray:
