@@ -24,7 +24,7 @@ from lanes.console import progress_line
 from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, POSE_NAMES, Lane, telemetry_row
 from lanes.detect.markings import Markings
-from lanes.detect.search import DETECTOR
+from lanes.detect.search import DETECTOR, StillDetection
 from lanes.draw import draw_lane, track_lane
 from lanes.errors import ByValue, CameraError, LaneError, PictureError, PoseError, VideoError
 from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
@@ -34,7 +34,6 @@ from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
 from lanes.report.page import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
-from lanes.stills import StillDetection
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
@@ -348,7 +347,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
     warnings = _find_warnings(info, camera, settings, telemetry)
-    if tracker.camera is camera:  # with another pose for a part of the drive, its angles cannot be compared
+    other_poses = _describe_other_poses(telemetry, pose.pose) if pose else []
+    if not other_poses:  # with another pose for a part of the drive, its angles cannot be compared
         warnings += _find_moved_camera(pose, telemetry)
     if info.has_audio and not written.has_audio:
         warnings.append(f"its sound cannot be decoded; {target} has no sound")
@@ -364,7 +364,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             command=_explain_command(video, settings),
         )
         outputs += (page,)
-    lines = [pose.describe(), pose.describe_accuracy(), *_describe_other_poses(telemetry, pose.pose)] if pose else []
+    lines = [pose.describe(), pose.describe_accuracy(), *other_poses] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, {describe_shares(telemetry)}; lost for {seconds_lost(telemetry):.1f} s"
         f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "

@@ -22,9 +22,9 @@ from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.paint import PAINT, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
-from lanes.detect.search import Search
+from lanes.detect.search import Search, StillDetection
 from lanes.errors import ByValue, CameraError
-from lanes.stills import StillDetection, detect_still
+from lanes.stills import detect_still
 from lanes.tracking.pose_change import describe_wrong_yaw
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
@@ -102,7 +102,8 @@ class Explanation(ByValue):
         """Lines of text: the lane, the terms of its confidence, the weakest evidence, the best rejected lanes."""
         words = {"state": LOST}
         if self.lane:
-            terms = log_odds_terms(self.lane)
+            terms = log_odds_terms(self.lane.features)
+            terms["constant"] += self.lane.confidence_shift
             total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
             odds = f"log odds {sum(terms.values()):+.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
@@ -327,7 +328,7 @@ def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
             "earlier frames. If it has one, and the lines are not parallel in the bird's-eye view, the camera pose is "
             "wrong. " + pose_advice,
         )
-    losses = log_odds_losses(lane)
+    losses = log_odds_losses(lane.features)
     feature = max(losses, key=losses.__getitem__)
     return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "weaker line", pose_advice)
 

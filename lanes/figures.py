@@ -21,12 +21,11 @@ from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, 
 from lanes.describe import describe_std
 from lanes.detect.fit import Fit
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
-from lanes.detect.search import Search
+from lanes.detect.search import Search, StillDetection
 from lanes.detect.votes import VOTES
 from lanes.draw import draw_lane
 from lanes.explanation import Explanation
 from lanes.files import write_atomically
-from lanes.stills import StillDetection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -26,7 +26,7 @@ import numpy as np
 from lanes.camera import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
-from lanes.detect.search import DETECTOR, DetectorSettings
+from lanes.detect.search import DETECTOR, DetectorSettings, StillDetection
 from lanes.errors import ByValue, CameraError, PoseError, require_type
 from lanes.field_of_view import find_camera
 from lanes.images import require_rgb
@@ -47,7 +47,7 @@ from lanes.pose_votes import (
     weighted_median,
 )
 from lanes.sources import find_sources, require_topic, sample_images
-from lanes.stills import HEIGHT_RANGE_M, StillDetection, detect_still, detect_with_own_pose
+from lanes.stills import HEIGHT_RANGE_M, detect_still, detect_with_own_pose
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation.

@@ -23,11 +23,11 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.confidence import LIKELY_CONFIDENCE, log_odds
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
-from lanes.detect.search import DetectorSettings
-from lanes.stills import HEIGHT_RANGE_M, StillDetection, search_at_heights
+from lanes.detect.search import DetectorSettings, StillDetection
+from lanes.stills import HEIGHT_RANGE_M, search_at_heights
 
 # Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard deviation of 4.8 degrees on them.
 _PITCHES_RAD, _YAWS_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
@@ -198,7 +198,7 @@ def _odds(still: StillDetection) -> float:
     if still.lane is None:
         return 0.0
     middle = float(_lines_seen(still, _MIDDLE_LINE, np.zeros(1))[0, 0])
-    return float(np.exp(log_odds(still.lane) - _LINE_LOG_ODDS * middle))
+    return float(np.exp(still.lane.log_odds - _LINE_LOG_ODDS * middle))
 
 
 def _vote_for_heights(odds: np.ndarray, log_heights: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ not matter; if they show different ones, the lane is doubtful.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -15,39 +15,16 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import log_odds
 from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, find_mask
-from lanes.detect.search import DETECTOR, DetectorSettings, Search, search_lane
+from lanes.detect.search import DETECTOR, DetectorSettings, StillDetection, search_lane
 from lanes.errors import require_type
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
 # Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
 _SAME_LINE_SHARE = 0.02
-
-
-@dataclass(frozen=True, eq=False)
-class StillDetection:
-    """What was found in an image, and what it was found in.
-
-    `search` is None without stripes near the car, or if a tracker made none; `lane` is None if no lane is seen.
-    """
-
-    evidence: Evidence
-    search: Search | None = None
-    lane: Lane | None = None
-
-    @property
-    def camera(self) -> Camera:
-        """The camera with the pose that the lane was found with."""
-        return self.evidence.view.camera
-
-    @property
-    def confidence(self) -> float:
-        """Confidence of the lane; 0 without one."""
-        return self.lane.confidence if self.lane else 0.0
 
 
 def find_lane(
@@ -137,7 +114,7 @@ def detect_with_own_pose(
     lanes = [detection.lane for detection in found if detection.lane]
     if not shown:
         return found[0]
-    log_posterior = log_prior[shown] + [log_odds(lane) for lane in lanes]
+    log_posterior = log_prior[shown] + [lane.log_odds for lane in lanes]
     probability = np.exp(log_posterior - log_posterior.max())
     # from the road 60 m ahead down to the lower border of the image
     top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]

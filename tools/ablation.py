@@ -1,19 +1,19 @@
-"""What each mechanism of the engine is worth on real and on rendered roads, a row of a table for each.
+"""What each mechanism of the engine is worth on real and on rendered roads: a table with a row for each.
 
-    python -m tools.ablation --real FOLDER [--half A]      # labelled real stills and clips, see benchmark.real_roads
-    python -m tools.ablation [--scenes NAME,...] [--seed 7] [--only NAME] [--workers N]
+    python -m tools.ablation FOLDER [--half A] [--scenes NAME,...] [--seed 7] [--only NAME,...] [--together]
 
-A mechanism is switched off by other settings; everything else stays the same. A row shows the result with it off minus
-that of the engine as it is. On real roads: points of the share of label points, and images right, for each way to look
-at them; choices are made on half A of the sets and confirmed on half B. On rendered drives, a variant that is not of
-the tuning set: points of accuracy with their 95 % interval (bootstrap over drives), the 95th percentile of the lateral
-error and NEES / 4.
+A mechanism is switched off by other settings; everything else stays the same. The first columns are those of the
+labelled real roads in FOLDER (`benchmark.real_roads`): with the mechanism off minus that of the engine as it is, points
+of the share of label points, and images right, for each way to look at them. Choices are made on half A of the sets and
+confirmed on half B. The other columns are those of rendered drives, a variant that is not of the tuning set: points of
+accuracy with their 95 % interval (bootstrap over drives), the 95th percentile of the lateral error and NEES / 4.
+Without FOLDER there are only the rendered columns, with `--scenes none` only the real ones.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -73,7 +73,6 @@ MECHANISMS = (
     Mechanism("five starts", "five start hypotheses, not one", {"detector.votes.lanes": 1}),
     Mechanism("undulation fit", "a search also fits a road that undulates", {"detector.fit.undulation_gain": NEVER}),
     Mechanism("small steps", "small steps of fits outwards", {"detector.fit.outwards": FIT.extend}),
-    Mechanism("bend limit", "a radius of 15 m at least, far ahead", {"detector.fit.max_bend_per_m": (NEVER, 1.0)}),
     Mechanism("variance inflation", "stripes of a frame are correlated", {"detector.fit.variance_inflation": 1.0}),
     Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": 1.0}),
     Mechanism(
@@ -102,6 +101,8 @@ MECHANISMS = (
         {f"filter.{name}": (getattr(FILTER, name)[0], 0.0) for name in GROWING} | {"filter.vertical_share": 0.0},
     ),
     Mechanism("lever", "the rear axle moves along the car, not the camera", {"filter.lever_m": 0.0}),
+    Mechanism("static pattern", "stripes that never move are left out", {"static_period_s": NEVER}),
+    Mechanism("wrong yaw", "a car that stands askew has an unknown yaw", {"filter.standing": (-1.0, 0.0, 0.0)}),
     Mechanism("periodic search", "searches while tracking", {"search_period_s": NEVER}),
 )
 
@@ -122,8 +123,8 @@ def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None
     return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
 
 
-def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Measurement]) -> str:
-    """A row of the Markdown table, from measurements of the same drives without and with a mechanism."""
+def rendered_cells(off: Sequence[Measurement], on: Sequence[Measurement]) -> list[str]:
+    """Cells of the table from measurements of the same rendered drives without and with a mechanism."""
     correct_off, correct_on, exists = (
         np.concatenate([getattr(one.errors, name) for one in some])
         for some, name in ((off, "correct"), (on, "correct"), (on, "exists"))
@@ -131,31 +132,36 @@ def table_row(mechanism: Mechanism, off: Sequence[Measurement], on: Sequence[Mea
     gained = 100.0 * (correct_off.astype(int) - correct_on)[exists]
     clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
     low, high = mean_interval(gained, clusters)
-    change = f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})" if mechanism.off else ""
     row = score([one.errors for one in off])
     nees = consistency(one.normalized for one in off if one.normalized)["nees_mean"]
-    time_off, time_on = (sum(np.sum(one.errors.time_ms) for one in some) for some in (off, on))
-    numbers = f"{row['accuracy']:.1%} | {change} | {row['lateral_5_20m_p95_m']:.3f} m | {nees:.2f}"
-    return f"| {mechanism.name} | {mechanism.description} | {numbers} | {time_off / time_on:.2f} |"
+    change = f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})"
+    return [f"{row['accuracy']:.1%}", change, f"{row['lateral_5_20m_p95_m']:.3f} m", f"{nees:.2f}"]
 
 
-def real_row(mechanism: Mechanism, off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) -> str:
-    """A row of the table of real roads: label points (off minus on) and right images, for each way to look at them."""
+def real_cells(off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) -> list[str]:
+    """Cells of the table from lanes of the same labels, in each of the `WAYS`, without and with a mechanism."""
     cells = []
-    for some_off, some_on in zip(off, on, strict=True):
-        points = [
-            np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in some])) for some in (some_off, some_on)
-        ]
-        right_off, right_on = (sum(bool(s.score.right) for s in some) for some in (some_off, some_on))
-        cells.append(f"{100 * (points[0] - points[1]):+.1f} | {right_on} -> {right_off} of {len(some_on)}")
-    return f"| {mechanism.name} | {mechanism.description} | {' | '.join(cells)} |"
+    for some in zip(off, on, strict=True):
+        points = [np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in scored])) for scored in some]
+        right = [sum(bool(s.score.right) for s in scored) for scored in some]
+        cells += [f"{100 * (points[0] - points[1]):+.1f}", f"{right[0]} of {len(some[1])}"]
+    return cells
 
 
-def score_roads(mechanism: Mechanism, sets: Sequence[RoadSet], *, workers: int) -> list[list[ScoredLane]]:
+REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right")]
+RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
+
+
+def look_at_roads(mechanism: Mechanism, sets: Sequence[RoadSet], *, workers: int) -> list[list[ScoredLane]]:
     """The lanes of all sets in each of the `WAYS`, without a mechanism."""
     tasks = [(roads, way) for way in WAYS for roads in sets]
     found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
     return [[one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS]
+
+
+def look_at_drives(mechanism: Mechanism, drives: Sequence[PreparedDrive], *, workers: int) -> list[Measurement]:
+    """The errors in rendered drives, without a mechanism."""
+    return run_all(measure, [(mechanism, drive) for drive in drives], workers=workers)
 
 
 def prepare(drive: BenchmarkDrive) -> PreparedDrive:
@@ -163,22 +169,45 @@ def prepare(drive: BenchmarkDrive) -> PreparedDrive:
     return prepare_drive(ensure_video(drive, workers=1))
 
 
+@dataclass(frozen=True)
+class Roads:
+    """Roads of one kind: headings of their columns, what is found without a mechanism, and the cells of a row."""
+
+    columns: list[str]
+    look: Callable[[Mechanism], Any]
+    cells: Callable[[Any, Any], list[str]]
+
+
+def choose_roads(options: argparse.Namespace) -> list[Roads]:
+    """The roads that the options of the command name."""
+    some = []
+    if options.folder:
+        sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
+        some.append(Roads(REAL_COLUMNS, partial(look_at_roads, sets=sets, workers=options.workers), real_cells))
+    if options.scenes != ["none"]:
+        chosen = choose_drives(options.scenes, seed=options.seed)
+        drives = run_all(prepare, chosen, workers=options.workers, progress=progress_line("scenes"))
+        look = partial(look_at_drives, drives=drives, workers=options.workers)
+        some.append(Roads(RENDERED_COLUMNS, look, rendered_cells))
+    return some
+
+
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
+    split = partial(str.split, sep=",")
+    parser.add_argument("folder", type=Path, nargs="?", help="labelled sets of real roads")
+    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
     parser.add_argument(
         "--scenes",
-        type=lambda text: text.split(","),
+        type=split,
         default=[],
         metavar="NAME,...",
         help="scenes of the suite, or videos with truth and camera (default: all scenes)",
     )
     parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
-    parser.add_argument("--real", type=Path, metavar="FOLDER", help="folder of labelled sets of real roads")
-    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
-    parser.add_argument("--only", choices=[m.name for m in MECHANISMS], metavar="NAME", help="a single mechanism")
-    parser.add_argument(
-        "--workers", type=bounded(int, 1), default=1, metavar="N", help="processes (default: %(default)s)"
-    )
+    parser.add_argument("--only", type=split, default=[], metavar="NAME,...", help="some mechanisms")
+    parser.add_argument("--together", action="store_true", help="switch them off together, in one row")
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
 def main() -> None:
@@ -186,21 +215,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
     options = parser.parse_args()
-    if options.real:
-        print("| switched off | what it does | own pose, points | right | pose of the set | right | clips | right |")
-        print("|---|---|---|---|---|---|---|---|")
-        sets = [roads for roads in read_road_sets(options.real) if roads.half in options.half]
-        look, row = partial(score_roads, sets=sets, workers=options.workers), real_row
-    else:
-        run = partial(run_all, workers=options.workers)
-        drives = run(prepare, choose_drives(options.scenes, seed=options.seed), progress=progress_line("scenes"))
-        print("| switched off | what it does | accuracy | off minus on, points | 95 % error | NEES / 4 | time |")
-        print("|---|---|---|---|---|---|---|")
-        look, row = (lambda mechanism: run(measure, [(mechanism, drive) for drive in drives])), table_row
-    on = look(ALL_ON)
-    for mechanism in (ALL_ON, *MECHANISMS):
-        if mechanism is ALL_ON or options.only in (None, mechanism.name):
-            print(row(mechanism, on if mechanism is ALL_ON else look(mechanism), on), flush=True)
+    if unknown := set(options.only) - {mechanism.name for mechanism in MECHANISMS}:
+        parser.error(f"no mechanism {', '.join(unknown)}; they are {', '.join(m.name for m in MECHANISMS)}")
+    rows = [mechanism for mechanism in MECHANISMS if not options.only or mechanism.name in options.only]
+    if options.together:
+        off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
+        rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
+    roads = choose_roads(options)
+    headings = ["switched off", "what it does", *(heading for some in roads for heading in some.columns)]
+    print(f"| {' | '.join(headings)} |\n|{'---|' * len(headings)}", flush=True)
+    on = [some.look(ALL_ON) for some in roads]
+    for mechanism in (ALL_ON, *rows):
+        found = on if mechanism is ALL_ON else [some.look(mechanism) for some in roads]
+        cells = [cell for some, one, base in zip(roads, found, on, strict=True) for cell in some.cells(one, base)]
+        print(f"| {' | '.join([mechanism.name, mechanism.description, *cells])} |", flush=True)
 
 
 if __name__ == "__main__":

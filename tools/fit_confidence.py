@@ -26,7 +26,7 @@ from benchmark.real_roads import WAYS, RoadSet, read_road_sets, score_set
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera
 from lanes.console import bounded
-from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS, lane_features
+from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.stills import find_lane
@@ -66,7 +66,7 @@ class Sample:
     @classmethod
     def of(cls, lane: Lane, source: str, group: str, right: object) -> Sample:
         """The sample of a lane."""
-        return cls(source, group, lane_features(lane), bool(right))
+        return cls(source, group, lane.features, bool(right))
 
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:

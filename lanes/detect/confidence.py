@@ -8,14 +8,11 @@ lines are right in the picture. The probability is a logistic regression on a fe
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lanes.detect.road import lateral_std_m, max_curvature, max_vertical_curvature
-
-if TYPE_CHECKING:
-    from lanes.detect.lane import Lane
+from lanes.detect.road import HEADING, WIDTH, lateral_std_m, max_curvature, max_vertical_curvature
 
 CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 # A lane with less confidence than the first is shown as no lane, with less than the second it is called uncertain; one
@@ -38,14 +35,26 @@ MIN_NEAR_STD_M, MIN_SUPPORT, GOOD_SUPPORT = 0.1, 0.03, 0.4
 USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
 
 
-def lane_features(lane: Lane) -> dict[str, float]:
-    """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information."""
-    width_std_m = WIDTH_STD_M if lane.same_lane_share is None else OWN_POSE_WIDTH_STD_M
-    near_std_m = float(lateral_std_m(lane.fit_covariance, 15.0).max())
+def lane_features(
+    model: np.ndarray,
+    fit_covariance: np.ndarray,
+    curvature_per_m: float,
+    supports: Sequence[float],
+    *,
+    clear_share: float,
+    same_lane_share: float | None,
+    camera_yaw_rad: float | None,
+) -> dict[str, float]:
+    """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information.
+
+    `supports` are those of both lines; the rest is that of `lanes.detect.lane.Lane`.
+    """
+    width_std_m = WIDTH_STD_M if same_lane_share is None else OWN_POSE_WIDTH_STD_M
+    near_std_m = float(lateral_std_m(fit_covariance, 15.0).max())
     # The heading, beyond that of a car in a bend, and the yaw of the camera relative to its pose are large if the yaw
     # of the pose is wrong. In a bend the heading lags by the distance from the rear axle (2 m), at most.
-    heading = _excess(abs(lane.heading_rad) - 2.0 * abs(lane.curvature_per_m), 0.02)
-    yaw = 0.0 if lane.camera_yaw_rad is None else _excess(abs(lane.camera_yaw_rad), 0.01)
+    heading = _excess(abs(float(model[HEADING])) - 2.0 * abs(curvature_per_m), 0.02)
+    yaw = 0.0 if camera_yaw_rad is None else _excess(abs(camera_yaw_rad), 0.01)
     return {
         "constant": 1.0,
         # Standard deviation (metres) of the less certain line 15 m ahead, for the noise that the fit assumes; that of
@@ -53,14 +62,14 @@ def lane_features(lane: Lane) -> dict[str, float]:
         # before.
         "near std": float(np.log(max(near_std_m, MIN_NEAR_STD_M))),
         # Tiles and bricks have lines between those of the lane; so have two lanes that are taken for one.
-        "between": float(np.log(lane.clear_share)),
+        "between": float(np.log(clear_share)),
         # A crack or kerb taken for a line is seldom a lane's width away from the other line.
-        "odd width": ((lane.width_m - USUAL_WIDTH_M) / width_std_m) ** 2,
+        "odd width": ((float(model[WIDTH]) - USUAL_WIDTH_M) / width_std_m) ** 2,
         # Share of the camera poses tried that do not show this lane: the image allows several.
-        "other lanes": 0.0 if lane.same_lane_share is None else 1.0 - lane.same_lane_share,
+        "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,
         "odd heading": max(heading, yaw),
         # Support of the line with less paint: most wrong lanes have one line that is seen and one that is a guess.
-        "weaker line": float(np.log(MIN_SUPPORT + min(lane.left.support, lane.right.support, GOOD_SUPPORT))),
+        "weaker line": float(np.log(MIN_SUPPORT + min(*supports, GOOD_SUPPORT))),
     }
 
 
@@ -69,22 +78,16 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
     return min(max((angle_rad - usual_rad) / 0.05, 0.0), 2.0)
 
 
-def log_odds_terms(lane: Lane) -> dict[str, float]:
-    """What the features of a lane contribute to the log odds, by name."""
-    terms = {name: WEIGHTS[name] * value for name, value in lane_features(lane).items()}
-    return terms | {"constant": terms["constant"] + lane.confidence_shift}
+def log_odds_terms(features: Mapping[str, float]) -> dict[str, float]:
+    """What the features of a lane contribute to the logarithm of the odds that it is correct, by name."""
+    return {name: WEIGHTS[name] * value for name, value in features.items()}
 
 
-def log_odds_losses(lane: Lane) -> dict[str, float]:
+def log_odds_losses(features: Mapping[str, float]) -> dict[str, float]:
     """What the features of a lane cost, compared with the best possible values, by name; the largest is the weakest."""
     best = {"near std": float(np.log(MIN_NEAR_STD_M)), "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT))}
-    terms = log_odds_terms(lane)
-    return {name: WEIGHTS[name] * best.get(name, 0.0) - terms[name] for name in WEIGHTS if name != "constant"}
-
-
-def log_odds(lane: Lane) -> float:
-    """Logarithm of the odds that a lane is correct."""
-    return sum(log_odds_terms(lane).values())
+    losses = {name: WEIGHTS[name] * best.get(name, 0.0) - term for name, term in log_odds_terms(features).items()}
+    return {name: loss for name, loss in losses.items() if name != "constant"}
 
 
 # Variance of the errors relative to the variance that a fit or the filter assumes: a constant, and its growth with the

@@ -16,7 +16,7 @@ import numpy as np
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.paint import PAINT, Stripes
 from lanes.detect.residuals import StripeResiduals, intersect_ground, stripe_residuals
-from lanes.detect.road import BEND, PARAMETERS, SIDES, RoadPrior, bend_gradients, is_ego_lane, lines_on_view
+from lanes.detect.road import PARAMETERS, SIDES, RoadPrior, is_ego_lane, lines_on_view
 
 # Steps of a fit: (far_m, scale) uses the stripes nearer than `far_m`, with standard deviations times `scale`.
 Schedule = tuple[tuple[float, float], ...]
@@ -49,11 +49,6 @@ class FitSettings:
     # such a fit must gain.
     undulation_std_per_m: float = 4e-3
     undulation_gain: float = 6.0
-    # Sharpest bend of most roads, a radius of 15 m, which few mountain roads have; its standard deviation; and the
-    # distances at which it is the limit. A fit follows the rate at which a bend begins, but not far ahead: the end of
-    # that transition is hidden, or too far away to be measured.
-    max_bend_per_m: tuple[float, float] = (1 / 15, 0.01)
-    max_bend_at_m: tuple[float, float] = (24.0, 40.0)
     # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
     support_far_m: float = 50.0
     min_support_rows: int = 30
@@ -63,13 +58,6 @@ class FitSettings:
     # A line is seen if its support is at least this. A lane is seen if its lines and the far lines of adjacent lanes
     # together have this support.
     min_support: float = 0.03
-
-    @cached_property
-    def bends_ahead(self) -> np.ndarray:
-        """Derivatives of the curvatures at `max_bend_at_m` by the lane parameters."""
-        gradients = np.zeros((len(self.max_bend_at_m), PARAMETERS))
-        gradients[:, BEND] = bend_gradients(np.array(self.max_bend_at_m))[1].T
-        return gradients
 
 
 FIT = FitSettings()
@@ -243,24 +231,7 @@ def fit_lanes(
         weighted /= inflation
         information = weighted @ np.swapaxes(at_lanes.jacobian, -1, -2) + prior_information
         gradient = weighted @ at_lanes.residual_m[..., None] + prior_information @ (lanes - mean)[..., None]
-        before, lanes = lanes, limit_bends(lanes - np.linalg.solve(information, gradient)[..., 0], information, s)
-        lanes = np.clip(lanes, -s.prior.limit, s.prior.limit)
+        before, step = lanes, np.linalg.solve(information, gradient)[..., 0]
+        lanes = np.clip(lanes - step, -s.prior.limit, s.prior.limit)
         residuals = at_lanes.moved(lanes - before) if linear else None
     return Fit(lanes, information, residuals or stripe_residuals(lanes, stripes, view.height_m), stripes, view, s)
-
-
-def limit_bends(lanes: np.ndarray, information: np.ndarray, settings: FitSettings = FIT) -> np.ndarray:
-    """Lanes (K, 15) with this information (K, 15, 15) that bend about as much as roads do, at most.
-
-    Where a lane bends more than `max_bend_per_m`, that limit is a measurement of the curvature: the update of a Kalman
-    filter moves the lane towards it, along the parameters that are least certain.
-    """
-    most, std = settings.max_bend_per_m
-    if np.abs(lanes @ settings.bends_ahead.T).max() <= most:
-        return lanes
-    for gradient in settings.bends_ahead:
-        curvature = lanes @ gradient
-        excess = curvature - np.clip(curvature, -most, most)
-        spread = np.linalg.solve(information, gradient[:, None])[..., 0]
-        lanes = lanes - spread / (spread @ gradient + std**2)[:, None] * excess[:, None]
-    return lanes

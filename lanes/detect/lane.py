@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
-from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, log_odds
+from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, lane_features, log_odds_terms
 from lanes.detect.line_type import MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
@@ -31,10 +30,6 @@ from lanes.detect.road import (
     road_height,
 )
 from lanes.errors import ByValue
-
-if TYPE_CHECKING:
-    from lanes.tracking.departure import Departure
-    from lanes.tracking.filter import CarMotion
 
 # States of a lane: detected in a single image; tracked, but not yet confirmed; tracked; predicted while not seen.
 FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasting"
@@ -176,6 +171,44 @@ class Line(ByValue, LineEvidence):
         return " ".join(filter(None, [self.colour, "double" if self.double else None, self.kind]))
 
 
+@dataclass(frozen=True)
+class CarMotion:
+    """Motion of the car: speed, curvature of the path (positive left), and course relative to the camera pose."""
+
+    speed_mps: float
+    path_per_m: float
+    course_rad: float
+    # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
+    turning_std_per_m: float
+    course_std_rad: float
+    speed_std_mps: float = 0.0
+
+
+@dataclass(frozen=True)
+class Departure:
+    """Distance and time of the car to the lines."""
+
+    # Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
+    left_m: float
+    right_m: float
+    # Lateral speed, positive left.
+    drift_mps: float
+    # The line that the car approaches: "left", "right" or None.
+    side: str | None
+    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it, infinite in lane
+    # keeping or when it is more than 20 s away.
+    time_to_crossing_s: float
+    # Whether to warn: a crossing is near with certainty, or happening; never for an uncertain lane.
+    due: bool
+
+    def describe(self) -> str | None:
+        """Words for the picture; None if no warning is due."""
+        if not self.due:
+            return None
+        crossing = "crossing" if self.time_to_crossing_s == 0 else f"{self.time_to_crossing_s:.1f} s to"
+        return f"lane departure: {crossing} the {self.side} line"
+
+
 @dataclass(frozen=True, eq=False)
 class Lane(ByValue):
     """The ego lane in one image or frame, in SI units.
@@ -242,9 +275,27 @@ class Lane(ByValue):
         return error_variance_factor(self.model, tracked=self.tracked) * self.fit_covariance
 
     @cached_property
+    def features(self) -> dict[str, float]:
+        """What the confidence depends on, by name; see `lanes.detect.confidence`."""
+        return lane_features(
+            self.model,
+            self.fit_covariance,
+            self.curvature_per_m,
+            [line.support for line in self.evidence],
+            clear_share=self.clear_share,
+            same_lane_share=self.same_lane_share,
+            camera_yaw_rad=self.camera_yaw_rad,
+        )
+
+    @property
+    def log_odds(self) -> float:
+        """Logarithm of the odds that the lane is correct."""
+        return sum(log_odds_terms(self.features).values()) + self.confidence_shift
+
+    @cached_property
     def confidence(self) -> float:
         """Probability, 0 to 1, that both lines are within 0.2 m of the true ones, 5 to 30 m ahead."""
-        return float(1 / (1 + np.exp(-log_odds(self))))
+        return float(1 / (1 + np.exp(-self.log_odds)))
 
     @property
     def camera_offset_m(self) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from lanes.camera import Camera
 from lanes.detect.evidence import Evidence
 from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
@@ -58,6 +59,28 @@ class Search:
     starts: Fit
     fit: Fit
     lane: Lane | None
+
+
+@dataclass(frozen=True, eq=False)
+class StillDetection:
+    """What was found in an image, and what it was found in.
+
+    `search` is None without stripes near the car, or if a tracker made none; `lane` is None if no lane is seen.
+    """
+
+    evidence: Evidence
+    search: Search | None = None
+    lane: Lane | None = None
+
+    @property
+    def camera(self) -> Camera:
+        """The camera with the pose that the lane was found with."""
+        return self.evidence.view.camera
+
+    @property
+    def confidence(self) -> float:
+        """Confidence of the lane; 0 without one."""
+        return self.lane.confidence if self.lane else 0.0
 
 
 def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Search | None:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lanes.camera import CAR_WIDTH_M, Camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.lane import CarMotion, Departure
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, WIDTH, line_coefficients
-from lanes.tracking.filter import CarMotion
 
 # ISO 17361 asks for a warning no later than 0.3 m beyond the line for passenger cars; warnings earlier than about 1.5 s
 # are perceived as false.
@@ -24,31 +24,6 @@ SEEN_S, SEEN_FACTOR = 0.5, 2.0
 # If the tyres of a car would be on a line in more than this share of the frames, its camera or width is another one: on
 # motorways cars leave their lane every few minutes, for seconds.
 MANY_CROSSINGS = 0.2
-
-
-@dataclass(frozen=True)
-class Departure:
-    """Distance and time of the car to the lines."""
-
-    # Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
-    left_m: float
-    right_m: float
-    # Lateral speed, positive left.
-    drift_mps: float
-    # The line that the car approaches: "left", "right" or None.
-    side: str | None
-    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it, infinite in lane
-    # keeping or when it is more than 20 s away.
-    time_to_crossing_s: float
-    # Whether to warn: a crossing is less than `WARN_S` away with certainty, or happening; never for an uncertain lane.
-    due: bool
-
-    def describe(self) -> str | None:
-        """Words for the picture; None if no warning is due."""
-        if not self.due:
-            return None
-        crossing = "crossing" if self.time_to_crossing_s == 0 else f"{self.time_to_crossing_s:.1f} s to"
-        return f"lane departure: {crossing} the {self.side} line"
 
 
 def describe_crossings(rows: Mapping[str, np.ndarray], car_width_m: float) -> str | None:

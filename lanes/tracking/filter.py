@@ -28,6 +28,7 @@ import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import Fit, FitSettings, fit_lanes
+from lanes.detect.lane import CarMotion
 from lanes.detect.paint import Stripes
 from lanes.detect.road import (
     ADJACENT,
@@ -119,19 +120,6 @@ class FilterSettings:
 
 
 FILTER = FilterSettings()
-
-
-@dataclass(frozen=True)
-class CarMotion:
-    """Motion of the car: speed, curvature of the path (positive left), and course relative to the camera pose."""
-
-    speed_mps: float
-    path_per_m: float
-    course_rad: float
-    # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
-    turning_std_per_m: float
-    course_std_rad: float
-    speed_std_mps: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

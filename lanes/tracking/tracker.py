@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -28,6 +27,7 @@ from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_grad
 from lanes.detect.search import (
     DetectorSettings,
     Search,
+    StillDetection,
     clear_share,
     inner_stripe_shift,
     lane_score,
@@ -51,9 +51,6 @@ from lanes.tracking.filter import (
     without_wrong_yaw,
 )
 from lanes.tracking.static_pattern import StaticPattern
-
-if TYPE_CHECKING:
-    from lanes.stills import StillDetection
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.confidence import WEIGHTS, lane_features
+from lanes.detect.confidence import WEIGHTS
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CURVATURE
 from lanes.stills import find_lane
@@ -65,7 +65,7 @@ def test_what_makes_a_lane_doubtful(of, change, feature, value):
     usual = replace(lane_with(), **of)
     odd = replace(usual, **change)
     if value is not None:
-        assert (lane_features(usual)[feature], lane_features(odd)[feature]) == (0.0, pytest.approx(value))
+        assert (usual.features[feature], odd.features[feature]) == (0.0, pytest.approx(value))
     assert odd.confidence < usual.confidence - 0.005 or value == 0
 
 
