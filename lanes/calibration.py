@@ -181,8 +181,7 @@ class _Fit:
     `focal_std_share` is the standard deviation of the focal length as a share of it; 0 if it is unknown.
     """
 
-    matrix: np.ndarray
-    distortion: np.ndarray
+    camera: Camera
     errors_px: dict[str, float]
     rms_px: float
     focal_std_share: float
@@ -223,7 +222,7 @@ def calibrate_boards(boards: Mapping[str, Board], unused: Mapping[str, str] | No
         )
     rejected = {**(unused or {}), **rejected, **fit.rejected}
     report = CalibrationReport(fit.rms_px, fit.errors_px, rejected, focal_std_share=fit.focal_std_share)
-    return Camera(*size, fit.matrix, fit.distortion, report=report)
+    return replace(fit.camera, report=report)
 
 
 def _fit_with_doubtful(boards: dict[str, Board], size: tuple[int, int]) -> _Fit:
@@ -233,7 +232,7 @@ def _fit_with_doubtful(boards: dict[str, Board], size: tuple[int, int]) -> _Fit:
         fit = _fit_without_outliers(sure, size, {}, fisheye=True)
     except CameraError:  # they are too few
         return _fit_without_outliers(boards, size, {}, fisheye=True)
-    lens, wrong = (fit.matrix, fit.distortion), {}
+    lens, wrong = (fit.camera.matrix, fit.camera.distortion), {}
     for name in (name for name in boards if name not in sure):
         points, pixels = boards[name].object_points.astype(float)[None], boards[name].corners_px.astype(float)[None]
         _, turn, shift = cv2.fisheye.solvePnP(points, pixels, *lens)
@@ -287,7 +286,7 @@ def _fit_once(boards: dict[str, Board], size: tuple[int, int], rejected: dict[st
         raise CameraError(f"these boards do not determine the intrinsics; {_ADVICE}.") from error
     rms_px = float(np.sqrt(np.average(errors_px**2, weights=[len(corners) for corners in pixels])))
     errors = dict(zip(boards, errors_px.tolist(), strict=True))
-    return _Fit(matrix, distortion, errors, rms_px, focal_std_share, rejected)
+    return _Fit(Camera(*size, matrix, distortion), errors, rms_px, focal_std_share, rejected)
 
 
 def _fit_normal_lens(
