@@ -20,13 +20,14 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
-    "constant": -1.05,
-    "near std": -2.9,
-    "between": 7.2,
+    "constant": -0.94,
+    "near std": -2.74,
+    "between": 10.4,
     "odd width": -0.5,
-    "other lanes": -2.45,
+    "other lanes": -2.9,
+    "far lines": 1.77,
     "odd heading": -3.0,
-    "weaker line": 1.25,
+    "weaker line": 1.16,
 }
 # Limits of features: the lines of a floor of tiles are as certain as those of a road. A line has paint on at least a
 # few rows; with more than those of a good dashed line it is no more certain.
@@ -43,11 +44,12 @@ def lane_features(
     *,
     clear_share: float,
     same_lane_share: float | None,
+    far_lines: int,
     camera_yaw_rad: float | None,
 ) -> dict[str, float]:
     """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information.
 
-    `supports` are those of both lines; the rest is that of `lanes.detect.lane.Lane`.
+    `supports` are those of both lines, `far_lines` the number of far lines seen; the rest is that of a `Lane`.
     """
     width_std_m = WIDTH_STD_M if same_lane_share is None else OWN_POSE_WIDTH_STD_M
     near_std_m = float(lateral_std_m(fit_covariance, 15.0).max())
@@ -67,6 +69,9 @@ def lane_features(
         "odd width": ((float(model[WIDTH]) - USUAL_WIDTH_M) / width_std_m) ** 2,
         # Share of the camera poses tried that do not show this lane: the image allows several.
         "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,
+        # Far lines of adjacent lanes that are seen: at the right height of the camera they are a lane's width away.
+        # They tell nothing new about a pose that other images show, too.
+        "far lines": 0.0 if same_lane_share is None else float(far_lines),
         "odd heading": max(heading, yaw),
         # Support of the line with less paint: most wrong lanes have one line that is seen and one that is a guess.
         "weaker line": float(np.log(MIN_SUPPORT + min(*supports, GOOD_SUPPORT))),

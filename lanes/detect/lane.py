@@ -284,6 +284,7 @@ class Lane(ByValue):
             [line.support for line in self.evidence],
             clear_share=self.clear_share,
             same_lane_share=self.same_lane_share,
+            far_lines=sum(far is not None for far in self.far_evidence),
             camera_yaw_rad=self.camera_yaw_rad,
         )
 

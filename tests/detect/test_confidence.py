@@ -69,6 +69,15 @@ def test_what_makes_a_lane_doubtful(of, change, feature, value):
     assert odd.confidence < usual.confidence - 0.005 or value == 0
 
 
+def test_far_lines_support_a_lane_only_where_the_pose_comes_from_the_same_image():
+    far = replace(lane_with(), far_evidence=(LineEvidence(0.3, True, 40.0), None))
+    with_own_pose, without = (
+        replace(far, same_lane_share=0.4, far_evidence=some) for some in (far.far_evidence, (None, None))
+    )
+    assert with_own_pose.confidence > without.confidence + 0.05
+    assert far.confidence == lane_with().confidence
+
+
 @pytest.mark.slow
 def test_confident_lanes_are_right_on_drives_not_seen_before():
     """Of those with more than 0.9 at least 95 %; with a wrong camera pose few lanes have so much."""
