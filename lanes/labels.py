@@ -54,17 +54,12 @@ class LaneColumns:
 
     def at(self, rows: np.ndarray) -> np.ndarray:
         """Columns (K, N) at rows (N,), between two of `rows` on the straight line; -2 beyond them or beside a gap."""
-        wanted, order = np.asarray(rows, float), np.argsort(self.rows)
-        known, columns = self.rows[order], self.columns[:, order]
-        if not known.size:
-            return np.full((len(columns), len(wanted)), NO_POINT)
-        before = np.searchsorted(known, wanted + SAME_ROW_PX, side="right") - 1
-        after = np.searchsorted(known, wanted - SAME_ROW_PX)
-        inside = (before >= 0) & (after < len(known))
-        before, after = np.maximum(before, 0), np.minimum(after, len(known) - 1)
-        share = np.where(after > before, (wanted - known[before]) / np.maximum(known[after] - known[before], 1e-9), 0)
-        between = columns[:, before] + share * (columns[:, after] - columns[:, before])
-        return np.where(inside & (columns[:, before] >= 0) & (columns[:, after] >= 0), between, NO_POINT)
+        order, wanted = np.argsort(self.rows), np.round(rows, 2)
+        known = np.append(-1, np.round(self.rows[order], 2))  # a row without points above all others
+        points = np.where(self.columns < 0, np.nan, self.columns)[:, order]
+        lines: np.ndarray = np.pad(points, ((0, 0), (1, 0)), constant_values=np.nan)
+        at = [np.interp(wanted, known, line, left=np.nan, right=np.nan) for line in lines]
+        return np.nan_to_num(np.reshape(at, (len(lines), len(wanted))), nan=NO_POINT)
 
     def lacking(self, rows: np.ndarray) -> np.ndarray:
         """Those of `rows` (N,) that are beyond its own ones, so that it has no point there."""

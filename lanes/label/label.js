@@ -1,9 +1,11 @@
 "use strict";
 
+const PROPOSAL = "A proposal, not saved: the lines of the previous still, on the paint of this one. A accepts it, Esc drops it.";
 const SIDES = ["left", "right"], COLOURS = ["#19b5ff", "#ff9d1e"], OURS = "#ff4fc3";
 const canvas = document.getElementById("still"), picture = new Image();
-// Of still k: its label, the marks of both lines (null: not visible), what Escape goes back to, our lines once shown.
-let k = 0, still = null, marks = [[], []], past = [], ours = null;
+// Of still k: its label, the marks of both lines (null: not visible), what Escape goes back to, our lines once shown,
+// and the lines of still k - 1 on the paint of this one, until they are accepted or dropped.
+let k = 0, still = null, marks = [[], []], past = [], ours = null, proposal = null;
 let active = 0, cursor = [0, 0], view = { scale: 1, x: 0, y: 0 }, queue = Promise.resolve(), drag = null;
 
 const write = (name, text) => { document.getElementById(name).textContent = text; };
@@ -23,7 +25,7 @@ async function open(number) {
   const label = await ask("still/" + number);
   picture.src = "picture/" + number;
   await picture.decode().catch(() => { throw new Error(label.raw_file + ": the browser cannot show it; save it as PNG."); });
-  [k, still, marks, past, ours, active] = [number, label, label.points, [], null, 0];
+  [k, still, marks, past, ours, proposal, active] = [number, label, label.points, [], null, null, 0];
   cursor = [Math.round(picture.naturalWidth / 2), Math.round(picture.naturalHeight * 0.8)];
   write("name", label.raw_file);
   say("");
@@ -50,6 +52,31 @@ function change(next, from = active) {
   [marks, active] = [next, from];
   say("");
   send(false);
+}
+
+/** Show the lines of the still before on the paint of this one; they become marks only when they are accepted. */
+async function propose() {
+  if (ours || still.compared) return change(null); // says that the label stays
+  const number = k;
+  await queue;
+  const answer = await ask("proposal/" + number);
+  if (number !== k) return;
+  proposal = answer;
+  say(PROPOSAL);
+  draw();
+}
+
+function accept() {
+  const accepted = proposal;
+  proposal = null;
+  if (accepted) change(accepted.points);
+}
+
+function undo() {
+  if (!proposal) return change(null);
+  proposal = null;
+  say("The proposal is dropped.");
+  draw();
 }
 
 const changeActive = (mark) => change(marks.map((old, side) => (side === active ? mark : old)));
@@ -135,6 +162,7 @@ function draw() {
   };
   still.lanes.slice(0, 2).forEach((columns, side) => drawLine(still.h_samples, columns, COLOURS[side]));
   pixels.setLineDash([8, 6]);
+  if (proposal) proposal.lanes.forEach((columns, side) => drawLine(proposal.h_samples, columns, COLOURS[side]));
   if (ours) ours.lanes.slice(0, 2).forEach((columns) => drawLine(ours.h_samples, columns, OURS));
   pixels.setLineDash([]);
   marks.forEach((mark, side) => (mark || []).map(toScreen).forEach(([x, y]) => {
@@ -147,18 +175,20 @@ function draw() {
   const words = (mark) => (mark === null ? "not visible" : mark.length + (mark.length === 1 ? " point" : " points"));
   write("progress", `Still ${k + 1} of ${still.saved.length}, ${still.saved.filter(Boolean).length} labelled`);
   const none = marks.every((mark) => mark === null), each = SIDES.map((side, line) => `${side} line: ${words(marks[line])}`);
-  write("status", (none ? "no lane" : each.join(", ")) + (still.saved[k] ? "; saved" : ""));
+  write("status", (none ? "no lane" : each.join(", ")) + (still.saved[k] ? "; saved" : complete() ? "" : "; incomplete") + (proposal ? "; a proposal, not saved" : ""));
+  document.getElementById("accept").hidden = !proposal;
   SIDES.forEach((side, line) => document.querySelector("." + side).setAttribute("aria-pressed", line === active));
 }
 
 const ACTIONS = {
-  n: () => go(1), p: () => go(-1), s: compare, q: end, Enter: () => addPoint(), " ": () => addPoint(), Escape: () => change(null),
+  n: () => go(1), p: () => go(-1), s: compare, q: end, Enter: () => addPoint(), " ": () => addPoint(), Escape: undo, c: propose, a: accept,
   l: () => { active = 0; draw(); }, r: () => { active = 1; draw(); }, x: () => changeActive(null), o: () => change([null, null]),
   "+": () => zoom(1.25), "-": () => zoom(0.8), 0: fit,
   ArrowLeft: (far) => moveCursor(-far, 0), ArrowRight: (far) => moveCursor(far, 0),
   ArrowUp: (far) => moveCursor(0, -far), ArrowDown: (far) => moveCursor(0, far),
 };
-const act = (key, far) => { if (still) Promise.resolve(far).then(ACTIONS[key]).catch(fail); };
+const UNTIL_DECIDED = ["n", "p", "s", "q", "x", "o", "Enter", " "]; // they would save, leave or change the marks
+const act = (key, far) => { if (proposal && UNTIL_DECIDED.includes(key)) say(PROPOSAL); else if (still) Promise.resolve(far).then(ACTIONS[key]).catch(fail); };
 
 document.addEventListener("keydown", (event) => {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;

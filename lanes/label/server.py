@@ -55,11 +55,11 @@ async def _serve(session: Session, settings: DriveSettings, browser: bool) -> No
             session.compare(k)
         return found.get(session.stills[k]) or found.get(None) or {}
 
-    get = {"still": session.label, "ours": ours}
+    get = {"still": session.label, "proposal": session.propose, "ours": ours}
     pages = Application(log_function=lambda _: None, get=get, session=session, ended=ended)
     page = rf"{root}/(label\.(?:html|css|js))", Page, {"path": Path(__file__).parent}
     # No other host: another site could give its own name the address of this machine (DNS rebinding).
-    pages.add_handlers(r"127\.0\.0\.1", [page, (rf"{root}/(still|picture|ours|end)/(\d+)", Answer)])
+    pages.add_handlers(r"127\.0\.0\.1", [page, (rf"{root}/(still|picture|proposal|ours|end)/(\d+)", Answer)])
     (socket,) = bind_sockets(0, "127.0.0.1")
     HTTPServer(pages, max_body_size=MAX_BODY_BYTES).add_socket(socket)
     print(f"the page is at {(address := f'http://127.0.0.1:{socket.getsockname()[1]}{root}/label.html')}", flush=True)
@@ -88,7 +88,7 @@ class Page(StaticFileHandler):
 
 
 class Answer(RequestHandler):
-    """GET: label, picture or our lines of a still. POST: marks of a still, or the end."""
+    """GET: label, picture, proposal or our lines of a still. POST: marks of a still, or the end."""
 
     def set_default_headers(self) -> None:
         # Whatever a file in the folder is, the browser must not run it as a page of this server.

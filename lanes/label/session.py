@@ -53,6 +53,20 @@ class Session:
         label = (labels | unsaved).get(self._names[k]) or self._fit(k, [[], []])
         return {"points": [[], []]} | label | {"saved": self.saved()}
 
+    def propose(self, k: int) -> dict[str, Any]:
+        """The marks of the still before `k`, moved to the paint of still `k`, as a `label`; nothing is written.
+
+        Raises LaneError if there are none, or if the stills differ in size.
+        """
+        points = self.label(k - 1)["points"] if k else [[], []]
+        if points == [[], []]:
+            raise LaneError("The still before this one has no points to copy.")
+        if len({read_image(self.stills[number]).shape for number in (k - 1, k)}) > 1:
+            raise LaneError("The still before this one has another size, so its points cannot be copied.")
+        label = self._fit(k, points)
+        rows, lines = np.array(label["h_samples"]), zip(points, label["lanes"], strict=True)
+        return label | {"points": [_move(mark, rows, np.array(line)) for mark, line in lines]}
+
     def mark(self, k: int, points: Any, save: bool) -> dict[str, Any]:
         """Write the `points` of both lines (None: not visible), with `save` as a label; returns `label`.
 
@@ -118,6 +132,15 @@ def _require_marks(points: Any, size: tuple[int, int]) -> list[np.ndarray]:
             "Marks are two lists of points in the picture, [column, row]; null for one that is not visible."
         )
     return lines
+
+
+def _move(mark: list | None, rows: np.ndarray, line: np.ndarray) -> list | None:
+    """The points of a mark, moved along the rows to a line with columns (R,) at `rows`, as far as it goes."""
+    seen = line >= 0
+    if not mark or not seen.any():
+        return mark
+    at = np.clip(np.array(mark)[:, 1], *rows[seen][[0, -1]])
+    return np.stack([np.interp(at, rows[seen], line[seen]), at], axis=1).round(1).tolist()
 
 
 def _read_labels(path: Path) -> dict[str, dict[str, Any]]:

@@ -146,6 +146,34 @@ def test_by_keyboard_alone(page, folder):
     page.wait("active === 1")
 
 
+def test_lines_of_the_still_before_are_a_proposal_until_they_are_accepted(page, folder):
+    page.execute_script("return open(1)")
+    page.wait("k === 1")
+    before, own = (folder / "labels.jsonl").read_bytes(), page.execute_script("return marks")
+    page.press("c")
+    page.wait("proposal && document.getElementById('status').textContent.endsWith('a proposal, not saved')")
+    assert page.find_element(By.ID, "accept").is_displayed()
+    for key in ("n", "s", Keys.ENTER, "x"):
+        page.press(key)
+        assert message(page).startswith("A proposal, not saved: the lines of the previous still")
+    page.press(Keys.ESCAPE)
+    page.wait("k === 1 && !proposal && still.saved[1]")
+    assert page.execute_script("return marks") == own and not page.find_element(By.ID, "accept").is_displayed()
+    page.press("c")
+    page.wait("proposal")
+    assert (folder / "labels.jsonl").read_bytes() == before
+    proposed = page.execute_script("return proposal.points")
+    page.press("a")
+    page.wait("!proposal && !still.saved[1]")
+    page.press("n")
+    page.wait("k === 2")
+    label = json.loads((folder / "labels.jsonl").read_text().splitlines()[1])
+    true = truth(TIMES_S[1])
+    assert label["raw_file"] == "1.png" and label["points"] == proposed != own
+    columns = np.array(label["lanes"])
+    assert np.median(np.abs(columns - true)[(columns >= 0) & (true >= 0)]) < 1
+
+
 def test_wheel_and_drag_move_the_view_and_set_no_point(page):
     page.execute_script("return open(3)")
     page.wait("k === 3")

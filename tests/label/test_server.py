@@ -108,6 +108,7 @@ def test_our_lines_come_only_after_the_label_is_saved(session):
     status, content = session.mark(0, points, save=True)
     label = json.loads(content)
     assert status == 200 and label["saved"] == [True, False] and "lanes" in label
+    assert len(json.loads(session.ask("proposal/1")[1])["points"][0]) == 5 and session.ask("proposal/0")[0] == 400
     ours = our_lines(session, 0)
     assert ours["h_samples"] == label["h_samples"]
     theirs, found = np.array(label["lanes"]), np.array(ours["lanes"][:2])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+import cv2
 import numpy as np
 import pytest
 
@@ -102,6 +103,29 @@ def test_a_label_that_was_compared_stays_as_it_is(folder):
                 later.mark(0, [LEFT, None], save=save)
     assert session(folder).label(0)["points"] == [LEFT, RIGHT]
     assert (read_labels(folder / "labels.jsonl")[0].columns[1] >= 0).any()
+
+
+def test_marks_of_the_still_before_are_proposed_on_the_paint_of_this_one(folder):
+    """A proposal is written nowhere: it is a label only when the page sends it back."""
+    for shift, name in enumerate(("a.png", "sub/b.png")):
+        image = np.full((180, 320, 3), 90, np.uint8)
+        cv2.line(image, (120 + 3 * shift, 90), (80 + 3 * shift, 170), (220, 220, 220), 3)
+        write_image(folder / name, image)
+    kept = session(folder)
+    for empty in (0, 1):
+        with pytest.raises(LaneError, match="has no points to copy"):
+            kept.propose(empty)
+    kept.mark(0, [[[120.0, 90.0], [80.0, 170.0]], None], save=False)
+    before = {path: path.read_bytes() for path in folder.glob("*.jsonl")}
+    proposed = kept.propose(1)
+    left, right = proposed["points"]
+    assert right is None and np.allclose(left, [[123, 90], [83, 170]], atol=1)
+    assert kept.label(1)["points"] == [[], []] and kept.saved() == [False, False]
+    assert {path: path.read_bytes() for path in folder.glob("*.jsonl")} == before
+    assert kept.mark(1, proposed["points"], save=True)["saved"] == [False, True]
+    write_image(folder / "c.png", np.full((180, 300, 3), 90, np.uint8))
+    with pytest.raises(LaneError, match="another size"):
+        session(folder, "a.png", "c.png").propose(1)
 
 
 @pytest.mark.parametrize("text", ["{", "[1]\n", '{"lanes": []}\n'])
