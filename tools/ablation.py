@@ -30,6 +30,7 @@ from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
 from benchmark.scores import score
 from benchmark.systems import TRACKER
 from lanes.console import bounded, progress_line
+from lanes.detect.fit import FIT
 from lanes.tracking.filter import FILTER
 from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
@@ -71,6 +72,7 @@ MECHANISMS = (
     Mechanism("directions", "weights fall with the angle residual", {"detector.paint.angle_std_rad": 1e6}),
     Mechanism("five starts", "five start hypotheses, not one", {"detector.votes.lanes": 1}),
     Mechanism("undulation fit", "a search also fits a road that undulates", {"detector.fit.undulation_gain": NEVER}),
+    Mechanism("small steps", "small steps of fits outwards", {"detector.fit.outwards": FIT.extend}),
     Mechanism("variance inflation", "stripes of a frame are correlated", {"detector.fit.variance_inflation": 1.0}),
     Mechanism("outward fits", "fits outwards after a poor fit", {"detector.fit.max_unexplained": 1.0}),
     Mechanism(

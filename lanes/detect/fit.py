@@ -30,6 +30,11 @@ class FitSettings:
     # First steps from a start hypothesis, and the steps that follow them.
     start: Schedule = ((16, 6), (20, 4), (26, 4))
     extend: Schedule = ((34, 3), (44, 3), (56, 2), (70, 1.5), (70, 1))
+    # Smaller steps, for roads so curved or hilly that distant stripes are far from where they are expected.
+    outwards: Schedule = (
+        *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
+        *((28.0, 2.0), (35.0, 2.0), (45.0, 2.0), (70.0, 1.0), (70.0, 1.0)),
+    )
     # Start hypotheses that are fitted to all stripes.
     finalists: int = 3
     # Variance inflation of the tracker's fits: the errors of stripes in one frame are correlated (same paint and lens).
@@ -180,7 +185,7 @@ def fit_starts(
     if not fit.unexplained[0]:
         return near, fit
     hills = s.undulation_std_per_m
-    undulating = fit_lanes(fit.lanes, stripes, view, s, extra_vertical_per_m=hills)
+    undulating = fit_lanes(fit.lanes, stripes, view, s, schedule=s.outwards, extra_vertical_per_m=hills)
     return near, undulating if undulating.explained[0] > fit.explained[0] + s.undulation_gain else fit
 
 

@@ -300,7 +300,7 @@ def measure(stripes: Stripes, predicted: State, view: BirdsEyeView, settings: Fi
     near = fit_lanes(start, stripes, view, settings, schedule=settings.extend[-2:], prior=prior, linear=True)
     if not near.unexplained[0]:
         return near
-    outwards = fit_lanes(start, stripes, view, settings, prior=prior)
+    outwards = fit_lanes(start, stripes, view, settings, schedule=settings.outwards, prior=prior)
     return outwards if outwards.explained[0] > near.explained[0] else near
 
 
