@@ -116,7 +116,7 @@ class Explanation(ByValue):
     __str__ = describe
 
     def __repr__(self) -> str:
-        return f"Explanation({self.lane}, failed at {self.failed.name if self.failed else 'no step'})"
+        return f"Explanation({self.lane}, {f'failed at {self.failed.name}' if self.failed else 'all steps passed'})"
 
 
 def explain(

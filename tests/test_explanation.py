@@ -66,7 +66,7 @@ class TestGoodImage:
             assert part in text
         assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text)
         assert "failed" not in text
-        assert repr(good).endswith("failed at no step)")
+        assert repr(good).endswith("all steps passed)")
 
     def test_the_weakest_evidence_is_named(self, good):
         """Also of a lane that is likely; here the dashes of the right line."""

@@ -20,14 +20,14 @@ CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
 # Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
 WEIGHTS = {
-    "constant": -0.94,
-    "near std": -2.74,
-    "between": 10.4,
+    "constant": -0.74,
+    "near std": -2.73,
+    "between": 6.6,
     "odd width": -0.5,
-    "other lanes": -2.9,
-    "far lines": 1.77,
+    "other lanes": -2.44,
+    "far lines": 1.13,
     "odd heading": -3.0,
-    "weaker line": 1.16,
+    "weaker line": 1.32,
 }
 # Limits of features: the lines of a floor of tiles are as certain as those of a road. A line has paint on at least a
 # few rows; with more than those of a good dashed line it is no more certain.
