@@ -19,14 +19,12 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.camera_formats import DISTORTION_MODELS, as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
+from lanes.camera_formats import as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
 from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
+from lanes.lens import LENS_MODELS, LensModel, distort_angle, largest_ray
 
-# Images whose aspect ratios differ by less than this show the same sensor area: 1281x721 and 1280x720 differ by
-# 0.0006, neighbouring common formats (16:10 and 16:9) by 0.18.
-_MAX_ASPECT_DIFFERENCE = 0.005
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
 # Wider views are those of a fisheye lens unless the lens is named: a pinhole camera of 110 degrees has twice as many
@@ -37,8 +35,6 @@ LENSES = ("pinhole", "equidistant")
 MAX_OFFSET_M = 2.0
 # Width of a passenger car over its tyres where none is given, and that of motorcycles to lorries with mirrors, metres.
 CAR_WIDTH_M, CAR_WIDTH_RANGE_M = 1.8, (0.5, 3.5)
-# Largest skew of a camera matrix as a share of the focal length: calibrations of real lenses have some 0.001.
-_MAX_SKEW = 0.01
 
 
 @dataclass(frozen=True)
@@ -152,12 +148,9 @@ class Camera(ByValue):
             raise CameraError(f"invalid camera: matrix (3, 3) and distortion must be numbers ({error}).") from error
         offset_m, width_m = require_number(self.offset_m, "offset_m"), require_number(self.car_width_m, "car_width_m")
         valid = {"matrix": matrix, "distortion": distortion, "offset_m": offset_m, "car_width_m": width_m}
-        for name, value in valid.items():
-            object.__setattr__(self, name, value)
-        fault = _fault_of_car(offset_m, width_m) or _fault_of_intrinsics(
-            self.size, tuple(matrix.ravel().tolist()), tuple(distortion.tolist())
-        )
-        if fault:
+        vars(self).update(valid)
+        numbers = tuple(matrix.ravel().tolist()), tuple(distortion.tolist())
+        if fault := _find_fault(self.size, *numbers, offset_m, width_m):
             raise CameraError(f"invalid camera: {fault}.")
 
     @classmethod
@@ -197,7 +190,7 @@ class Camera(ByValue):
             return float(np.degrees(np.diff(np.arctan(self.rays(borders)[:, 0]))[0]))
         # more than 90 degrees to the optical axis there is no ray with z = 1
         angles = np.linspace(0, np.pi, 10_000)
-        distorted = angles * _fisheye_polynomial(angles, *self.distortion.tolist())
+        distorted = distort_angle(angles, *self.distortion.tolist())
         end = distorted.argmax() + 1
         from_centre = np.abs(borders[:, 0] - self.matrix[0, 2]) / self.matrix[0, 0]
         return float(np.degrees(np.interp(from_centre, distorted[:end], angles[:end]).sum()))
@@ -213,7 +206,8 @@ class Camera(ByValue):
 
     def has_aspect_of(self, size: tuple[int, int]) -> bool:
         """Whether images of `size` (width, height) show the same area as those of this camera, resized."""
-        return abs(size[0] / size[1] - self.width / self.height) <= _MAX_ASPECT_DIFFERENCE
+        # the ratios of 1281x721 and 1280x720 differ by 0.0006, those of common formats (16:10 and 16:9) by 0.18
+        return abs(size[0] / size[1] - self.width / self.height) <= 0.005
 
     def scaled(self, size: tuple[int, int]) -> Camera:
         """The same camera for images resized to `size` (width, height).
@@ -231,11 +225,6 @@ class Camera(ByValue):
         shift = np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1]])
         return replace(self, width=width, height=height, matrix=np.linalg.inv(shift) @ scale @ shift @ self.matrix)
 
-    def cropped(self, left_px: int, top_px: int, size: tuple[int, int]) -> Camera:
-        """The same camera for a part of its images of `size` (width, height), from this column and row on."""
-        matrix = self.matrix - [[0, 0, left_px], [0, 0, top_px], [0, 0, 0]]
-        return replace(self, width=size[0], height=size[1], matrix=matrix)
-
     def turned(self, orientation: int) -> Camera:
         """The camera of the upright images, if this one is that of the images as stored with an EXIF orientation.
 
@@ -252,7 +241,7 @@ class Camera(ByValue):
         matrix, distortion = np.eye(3), np.array(self.distortion, float)
         matrix[[0, 1], [0, 1]] = np.abs(axes) @ self.matrix[[0, 1], [0, 1]]
         matrix[:2, 2] = axes @ (self.matrix[:2, 2] - (np.array(self.size) - 1) / 2) + (size - 1) / 2
-        if len(distortion) > 4:
+        if not self.is_fisheye:
             distortion[[3, 2]] = axes @ distortion[[3, 2]]  # (p2, p1) is a vector in the image
         return replace(self, width=int(size[0]), height=int(size[1]), matrix=matrix, distortion=distortion)
 
@@ -304,8 +293,7 @@ class Camera(ByValue):
         # Most pixels need ten steps of the fixed-point iteration, the corners of a 100 degree lens several hundred:
         # there 50 steps leave an error of one pixel, and the default of 5 steps one of forty.
         criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
-        undistort_points = cv2.fisheye.undistortPoints if self.is_fisheye else cv2.undistortPoints
-        xy = undistort_points(pixels, self.matrix, self.distortion, criteria=criteria)
+        xy = self.model.opencv.undistortPoints(pixels, self.matrix, self.distortion, criteria=criteria)
         return np.column_stack([xy.reshape(-1, 2), np.ones(len(pixels))])
 
     def road_to_pixels(self, points_m: np.ndarray) -> np.ndarray:
@@ -328,9 +316,14 @@ class Camera(ByValue):
         return directions[:, :2] * distance[:, None]
 
     @property
+    def model(self) -> LensModel:
+        """The lens model, which the number of coefficients tells."""
+        return LENS_MODELS[len(self.distortion)]
+
+    @property
     def is_fisheye(self) -> bool:
         """Whether the distortion is that of a fisheye lens: a polynomial of the angle to the optical axis."""
-        return len(self.distortion) == 4
+        return self.model.is_fisheye
 
     @property
     def largest_ray(self) -> float:
@@ -338,7 +331,7 @@ class Camera(ByValue):
 
         Beyond it the model would map points far outside the field of view into the image.
         """
-        return _largest_ray(*np.ravel(self.distortion).tolist())
+        return largest_ray(*self.distortion.tolist())
 
     def _project(self, points: np.ndarray) -> np.ndarray:
         """Raw pixels (N, 2) of points (N, 3) in camera axes by the lens model; NaN where it does not hold.
@@ -349,8 +342,7 @@ class Camera(ByValue):
         visible = (z > 1e-6) & (np.hypot(x, y) < self.largest_ray * z)
         inverse = 1 / np.where(visible, z, 1.0)
         x, y = x * inverse, y * inverse
-        distort = _distort_fisheye if self.is_fisheye else _distort_brown
-        u, v = distort(x, y, *np.ravel(self.distortion).tolist())
+        u, v = self.model.distort(x, y, *self.distortion.tolist())
         (fx, skew, cx), (_, fy, cy) = self.matrix[:2]
         pixels = np.column_stack([u * fx + v * skew + cx if skew else u * fx + cx, v * fy + cy])
         pixels[~visible] = np.nan
@@ -365,12 +357,6 @@ class Camera(ByValue):
             )
         return self.pose
 
-    def require_report(self) -> CalibrationReport:
-        """The result of the calibration; raises CameraError if the camera has none."""
-        if self.report is None:
-            raise CameraError("this camera has no calibration report; use one that was calibrated on chessboards.")
-        return self.report
-
 
 def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.ndarray) -> np.ndarray:
     """Pixels (..., 2) of an image after it is resized by a factor, or by a factor (columns, rows).
@@ -380,65 +366,13 @@ def resize_points(pixels: np.ndarray, scale: float | tuple[float, float] | np.nd
     return (pixels + 0.5) * scale - 0.5
 
 
-def _distort_brown(
-    x: np.ndarray, y: np.ndarray, k1: float, k2: float, p1: float, p2: float, k3: float, *denominator: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (x, y), z = 1, with the distortion of Brown and Conrady, also with a denominator k4, k5, k6."""
-    r2 = x * x + y * y
-    r4 = r2 * r2
-    radial = 1 + k1 * r2 + k2 * r4 + k3 * (r4 * r2)
-    if denominator:
-        k4, k5, k6 = denominator
-        radial = radial / (1 + k4 * r2 + k5 * r4 + k6 * (r4 * r2))
-    two_xy = 2 * x * y
-    return (
-        x * radial + p1 * two_xy + p2 * (r2 + 2 * x * x),
-        y * radial + p1 * (r2 + 2 * y * y) + p2 * two_xy,
-    )
-
-
-def _distort_fisheye(
-    x: np.ndarray, y: np.ndarray, k1: float, k2: float, k3: float, k4: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Directions (x, y), z = 1, with the distortion of a fisheye lens (Kannala and Brandt, PAMI 2006)."""
-    tangent = np.hypot(x, y)
-    angle = np.arctan(tangent)
-    distorted = angle * _fisheye_polynomial(angle, k1, k2, k3, k4)
-    scale = np.divide(distorted, tangent, out=np.ones_like(tangent), where=tangent > 1e-9)
-    return x * scale, y * scale
-
-
-def _fisheye_polynomial(angle: np.ndarray, k1: float, k2: float, k3: float, k4: float) -> np.ndarray:
-    """The distorted angle divided by the true one."""
-    a2 = angle * angle
-    return 1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4)))
-
-
-@lru_cache(maxsize=32)
-def _largest_ray(*distortion: float) -> float:
-    """See `Camera.largest_ray`. Cached, because pitch motion makes a new Camera with the same lens in every frame."""
-    fisheye = len(distortion) == 4
-    above = (1.0, *distortion) if fisheye else (1.0, distortion[0], distortion[1], distortion[4])
-    numerator, denominator = np.polynomial.Polynomial(above), np.polynomial.Polynomial((1.0, *distortion[5:]))
-    # The derivative of r n(r^2) / d(r^2) by r, times d^2, as a polynomial in r^2. Where d is 0, the ratio has a pole.
-    square = np.polynomial.Polynomial((0.0, 1.0))
-    growth = (numerator + 2 * square * numerator.deriv()) * denominator - 2 * square * numerator * denominator.deriv()
-    # Roots in 1 / r^2: then the first coefficient is 1, never 0.
-    roots = np.concatenate([np.roots(polynomial.coef) for polynomial in (growth, denominator)])
-    inverse_square = max(roots[np.isreal(roots)].real, default=0.0)
-    first = float(inverse_square**-0.5) if inverse_square > 0 else np.inf
-    if fisheye:
-        return float(np.tan(first)) if first < np.pi / 2 else np.inf
-    return first
-
-
 def undistort(image: np.ndarray, camera: Camera) -> np.ndarray:
     """The RGB image (height, width, 3), uint8, without lens distortion, with the same camera matrix.
 
     Raises PictureError if the image is not RGB, or has another size than the camera; see `Camera.scaled`.
     """
     image = camera.require_size(image)
-    map_u, map_v = _undistortion_maps(camera.size, tuple(camera.matrix.ravel()), tuple(np.ravel(camera.distortion)))
+    map_u, map_v = _undistortion_maps(camera.size, tuple(camera.matrix.ravel()), tuple(camera.distortion))
     return cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR)
 
 
@@ -446,7 +380,7 @@ def undistort(image: np.ndarray, camera: Camera) -> np.ndarray:
 def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) -> tuple[np.ndarray, np.ndarray]:
     """Maps for cv2.remap, cached for each lens: computing them takes as long as ten remaps."""
     intrinsics = np.reshape(matrix, (3, 3))
-    make_maps = cv2.fisheye.initUndistortRectifyMap if len(distortion) == 4 else cv2.initUndistortRectifyMap
+    make_maps = LENS_MODELS[len(distortion)].opencv.initUndistortRectifyMap
     lens = intrinsics, np.array(distortion), np.eye(3), intrinsics, size
     if not intrinsics[0, 1]:
         return make_maps(*lens, cv2.CV_16SC2)
@@ -478,7 +412,7 @@ def camera_to_dict(camera: Camera) -> dict:
         "image_height": int(camera.height),
         "camera_name": "dashcam",
         "camera_matrix": _matrix_entry(camera.matrix),
-        "distortion_model": DISTORTION_MODELS[len(camera.distortion)],
+        "distortion_model": camera.model.name,
         "distortion_coefficients": _matrix_entry(np.reshape(camera.distortion, (1, -1))),
         # ROS's parser requires these two: an undistorted image has the same camera matrix
         "rectification_matrix": _matrix_entry(np.eye(3)),
@@ -487,13 +421,12 @@ def camera_to_dict(camera: Camera) -> dict:
     if not camera.calibrated:
         content["calibrated"] = False
     if camera.offset_m:
-        content["camera_offset_m"] = float(camera.offset_m)
+        content["camera_offset_m"] = camera.offset_m
     if camera.car_width_m != CAR_WIDTH_M:
-        content["car_width_m"] = float(camera.car_width_m)
+        content["car_width_m"] = camera.car_width_m
     if camera.pose:
-        content["pose"] = {name: float(value) for name, value in asdict(camera.pose).items()}
-    if camera.report:
-        report = camera.report
+        content["pose"] = asdict(camera.pose)
+    if report := camera.report:
         content["calibration"] = {
             "rms_px": round(float(report.rms_px), 4),
             "boards_used": len(report.board_rms_px),
@@ -507,12 +440,7 @@ def camera_to_dict(camera: Camera) -> dict:
 
 def _matrix_entry(matrix: np.ndarray) -> dict:
     # with dt, the type, cv2.FileStorage reads it as a matrix
-    return {
-        "rows": len(matrix),
-        "cols": matrix.shape[1],
-        "dt": "d",
-        "data": [float(x) for x in np.ravel(matrix)],
-    }
+    return {"rows": len(matrix), "cols": matrix.shape[1], "dt": "d", "data": np.ravel(matrix).astype(float).tolist()}
 
 
 def load_camera(path: str | Path) -> Camera:
@@ -545,11 +473,16 @@ def camera_from_dict(content: dict) -> Camera:
     size = int(content["image_width"]), int(content["image_height"])
     if not (0 < matrix[0, 2] < size[0] and 0 < matrix[1, 2] < size[1]):
         raise ValueError("its principal point is not in the image")
-    pose = _parse_pose(content["pose"]) if "pose" in content else None
-    report = _parse_report(content["calibration"]) if "calibration" in content else None
-    car = {"offset_m": content.get("camera_offset_m", 0.0), "car_width_m": content.get("car_width_m", CAR_WIDTH_M)}
-    calibrated = content.get("calibrated", True) is not False
-    return Camera(*size, matrix, distortion, pose, report, calibrated=calibrated, **car)
+    return Camera(
+        *size,
+        matrix,
+        distortion,
+        _parse_pose(content["pose"]) if "pose" in content else None,
+        _parse_report(content["calibration"]) if "calibration" in content else None,
+        content.get("camera_offset_m", 0.0),
+        content.get("calibrated", True) is not False,
+        content.get("car_width_m", CAR_WIDTH_M),
+    )
 
 
 def require_camera(camera: object) -> Camera:
@@ -557,37 +490,34 @@ def require_camera(camera: object) -> Camera:
     return require_type(camera, Camera, "camera", "make one with Camera.from_fov, or read one with load_camera")
 
 
-def _fault_of_car(offset_m: float, width_m: float) -> str:
-    """Why no car carries its camera like this, or nothing."""
-    if abs(offset_m) > MAX_OFFSET_M:
-        limits = f"give {-MAX_OFFSET_M:g} to {MAX_OFFSET_M:g} metres"
-        return f"a camera {offset_m:g} m beside the middle of the car is not plausible; {limits}"
-    low, high = CAR_WIDTH_RANGE_M
-    if not low <= width_m <= high:
-        return f"a car {width_m:g} m wide is not plausible; give {low:g} to {high:g} metres"
-    return ""
-
-
 @lru_cache(maxsize=32)
-def _fault_of_intrinsics(size: tuple[int, int], matrix: tuple[float, ...], distortion: tuple[float, ...]) -> str:
-    """Why no camera has these intrinsics, or nothing. Cached as `_largest_ray` is."""
+def _find_fault(
+    size: tuple[int, int], matrix: tuple[float, ...], distortion: tuple[float, ...], offset_m: float, car_width_m: float
+) -> str:
+    """Why there is no such camera in a car, or nothing. Cached, because pitch motion makes a camera in every frame."""
     (width, height), (fx, skew, _, zero, fy, _, *last) = size, matrix
-    shortest, longest = 0.1 * width, 60 * width  # fields of view from 157 degrees to 1 degree
-    if not np.isfinite([*matrix, *distortion]).all():
-        return "its intrinsics are not finite"
-    if len(distortion) not in DISTORTION_MODELS:
-        return f"it has {len(distortion)} distortion coefficients, not 4, 5 or 8"
-    # Lenses of long focal length have coefficients of several hundred; larger ones overflow the polynomial.
-    if max(map(abs, distortion)) > 1e6:
-        return "a distortion coefficient is not between -1e+06 and 1e+06"
-    if not (min(size) > 0 and width * height <= MAX_PIXELS):
-        return f"{width} x {height} is not a valid image size"
-    if not (shortest <= fx <= longest and shortest <= fy <= longest):
-        return f"a focal length is not between {shortest:g} and {longest:g} pixels"
-    # a sensor has square corners: more is another lens model's shift
-    if abs(skew) > _MAX_SKEW * fx:
-        return f"a skew of {skew:g} is more than {_MAX_SKEW:g} of the focal length"
-    return "its camera matrix is not valid" if zero or last != [0, 0, 1] else ""
+    (low_m, high_m), (*counts, last_count) = CAR_WIDTH_RANGE_M, map(str, LENS_MODELS)
+    known = f"{', '.join(counts)} or {last_count}"
+    least_px, most_px = 0.1 * width, 60 * width  # fields of view from 157 degrees to 1 degree
+    faults = {
+        f"a camera {offset_m:g} m beside the middle of the car is not plausible; give {-MAX_OFFSET_M:g} to "
+        f"{MAX_OFFSET_M:g} metres": abs(offset_m) > MAX_OFFSET_M,
+        f"a car {car_width_m:g} m wide is not plausible; give {low_m:g} to {high_m:g} metres": not (
+            low_m <= car_width_m <= high_m
+        ),
+        "its intrinsics are not finite": not np.isfinite([*matrix, *distortion]).all(),
+        f"it has {len(distortion)} distortion coefficients, not {known}": len(distortion) not in LENS_MODELS,
+        # those of long focal lengths are several hundred; larger ones overflow the polynomial
+        "a distortion coefficient is not between -1e+06 and 1e+06": max(map(abs, distortion), default=0) > 1e6,
+        f"{width} x {height} is not a valid image size": not (min(size) > 0 and width * height <= MAX_PIXELS),
+        f"a focal length is not between {least_px:g} and {most_px:g} pixels": not (
+            least_px <= min(fx, fy) and max(fx, fy) <= most_px
+        ),
+        # a sensor has square corners, real lenses have some 0.001: more is another lens model's shift
+        f"a skew of {skew:g} is more than 0.01 of the focal length": abs(skew) > 0.01 * fx,
+        "its camera matrix is not valid": bool(zero or last != [0, 0, 1]),
+    }
+    return next((fault for fault, found in faults.items() if found), "")
 
 
 def _parse_pose(content: dict) -> CameraPose:

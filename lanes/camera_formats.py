@@ -13,16 +13,7 @@ import numpy as np
 import yaml
 
 from lanes.files import parse_yaml
-
-# Distortion models of ROS camera files by their number of coefficients. One that has fewer than five of plumb_bob's, as
-# some programs write, has zeros for the others.
-DISTORTION_MODELS = {4: "equidistant", 5: "plumb_bob", 8: "rational_polynomial"}
-# Names of the same models in other programs: Kalibr, OpenCV, RealSense, drivers without a calibration.
-_OTHER_NAMES = {
-    **dict.fromkeys(("", "none", "radtan", "brown_conrady", "brown-conrady", "pinhole"), "plumb_bob"),
-    **dict.fromkeys(("fisheye", "kannala_brandt4", "equi"), "equidistant"),
-    "rational": "rational_polynomial",
-}
+from lanes.lens import LENS_MODELS
 
 
 class _Dumper(yaml.SafeDumper):
@@ -92,19 +83,17 @@ def parse_distortion(model: object, coefficients: Any) -> np.ndarray:
     """
     data = np.array(coefficients, float).ravel()
     data = data if data.size else np.zeros(4)  # so does ROS write a lens without distortion
-    # coefficients of a longer model that are zero; thin prism (9 to 12) and tilt (13, 14) are not modelled
-    longer = len(data) > 5 and data[5:8].any()
-    named = str(model or ("rational_polynomial" if len(data) == 8 else "")).lower()
-    model = _OTHER_NAMES.get(named, named)
-    model = "rational_polynomial" if model == "plumb_bob" and longer else model
-    counts = {name: count for count, name in DISTORTION_MODELS.items()}
-    if model not in counts:
-        known = ", ".join(sorted({*counts, *filter(None, _OTHER_NAMES)}))
-        raise ValueError(f"distortion model {named!r:.40} is not supported, only {known}")
-    count = counts[model]
+    counts = {name: count for count, lens in LENS_MODELS.items() for name in (lens.name, *lens.other_names)}
+    name = str(model or (LENS_MODELS[8].name if len(data) == 8 else "")).lower()
+    if name not in counts:
+        known = ", ".join(sorted(filter(None, counts)))
+        raise ValueError(f"distortion model {name!r:.40} is not supported, only {known}")
+    count = counts[name]
+    if count == 5 and data[5:8].any():  # of the longer model, whose name some programs leave out
+        count = 8
     if count == 8 and data[8:].any():
         raise ValueError("its thin prism or tilt coefficients (the ninth to fourteenth) are not supported unless zero")
     # the last coefficients may be left out, or be followed by those of a longer model, if they are zero
     if len(data) < 4 or np.any(data[count:]):
-        raise ValueError(f"{model} has {count} distortion coefficients, not {data.size}")
+        raise ValueError(f"{LENS_MODELS[count].name} has {count} distortion coefficients, not {data.size}")
     return np.pad(data[:count], (0, max(0, count - len(data))))

@@ -15,27 +15,14 @@ from lanes.camera import resize_points
 from lanes.errors import CameraError
 from lanes.images import require_rgb
 
-# Smaller grids occur by chance in wall textures and keyboards.
-_MIN_GRID = (5, 4)
-# Larger images are resized until their longer side has this length, because the detectors are slow and less reliable on
-# them.
-_DETECTION_LENGTH_PX = 1600
-# No board is recognised in a resized image that is narrower.
-_MIN_SIZE_PX = 24
-# Standard deviation of the blur before the classic detector, pixels of the resized image. On a texture of single pixels
-# that detector takes a minute.
-_TEXTURE_BLUR_PX = 1.5
 # Start grids for the detection of a part of the board; which of them the detector finds depends on the image.
 _SEED_PATTERNS = ((3, 3), (5, 5))
 # Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
 # contrast of the board. Glare lowers it.
-MIN_CONTRAST = 0.3
-# Share of the corners of a complete board that must have it: some may lie in glare or at the border of the image. A
-# grid along the diagonals of the board, which a detector can find, has it at half of its corners.
-_MOST_CORNERS = 0.8
+_MIN_CONTRAST = 0.3
 # Largest relative error of the cross ratio of four corners, the median over a row. Measured: 0.013 on 40 rendered and
 # real boards, mostly 0.012 with fisheye lenses of 140 to 200 degrees, and 0.08 or more if a row is skipped.
-MAX_UNEVENNESS = 0.07
+_MAX_UNEVENNESS = 0.07
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +61,9 @@ def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6), *, doubtful
     if min(pattern) < 3:
         raise CameraError(f"a board of {pattern[0]}x{pattern[1]} inner corners is too small; give 3x3 or more.")
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    scale = max(1.0, max(gray.shape) / _DETECTION_LENGTH_PX)
-    if min(gray.shape) < _MIN_SIZE_PX * scale:
+    # the detectors are slow and less reliable on images longer than 1600 pixels
+    scale = max(1.0, max(gray.shape) / 1600)
+    if min(gray.shape) < 24 * scale:  # no board is recognised
         return None
     small = cv2.resize(gray, None, fx=1 / scale, fy=1 / scale, interpolation=cv2.INTER_AREA) if scale > 1 else gray
     # the sector-based detector draws random numbers
@@ -101,13 +89,15 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.nda
     # CALIB_CB_NORMALIZE_IMAGE is not set: it moved the corners of a large real board by pixels. CALIB_CB_ACCURACY is
     # not set: it takes four times as long, and the corners are refined later.
     flags = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    smooth = cv2.GaussianBlur(gray, (0, 0), _TEXTURE_BLUR_PX)
+    # on a texture of single pixels the classic detector takes a minute
+    smooth = cv2.GaussianBlur(gray, (0, 0), 1.5)
     unsure = None
     for find, seen, options in ((cv2.findChessboardCornersSB, gray, 0), (cv2.findChessboardCorners, smooth, flags)):
         found, corners = find(seen, pattern, flags=options)
         if found:
             grid = corners.reshape(rows, columns, 2)
-            if _is_chessboard(gray, grid, _MOST_CORNERS):
+            # some corners may lie in glare or at the border of the image; a grid along the diagonals has half of them
+            if _is_chessboard(gray, grid, share=0.8):
                 return grid, True
             unsure = grid if unsure is None else unsure
     return unsure, False
@@ -122,7 +112,8 @@ def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarra
         if start is None:
             continue
         grid = _grow_grid(gray, start, pattern)
-        if _fits_pattern(grid, pattern, _MIN_GRID) and (best is None or grid.size > best.size):
+        # smaller grids occur by chance in wall textures and keyboards
+        if _fits_pattern(grid, pattern, (5, 4)) and (best is None or grid.size > best.size):
             best = grid
     return best
 
@@ -186,7 +177,7 @@ def _is_even(grid: np.ndarray) -> bool:
         a, b, c, d = (lines[k : len(lines) - 3 + k] for k in range(4))
         ac, bd, bc, ad = (np.linalg.norm(p - q, axis=2) for p, q in ((a, c), (b, d), (b, c), (a, d)))
         ratios = np.median(ac * bd / np.maximum(bc * ad, 1e-6), axis=1)
-        if (np.abs(0.75 * ratios - 1) > MAX_UNEVENNESS).any():
+        if (np.abs(0.75 * ratios - 1) > _MAX_UNEVENNESS).any():
             return False
     return True
 
@@ -199,9 +190,7 @@ def _inside_image(gray: np.ndarray, points: np.ndarray) -> bool:
 
 def _is_chessboard(gray: np.ndarray, grid: np.ndarray, share: float = 1.0) -> bool:
     """Whether a grid (rows, columns, 2) is even, with black and white squares in turn at that share of its corners."""
-    if min(grid.shape[:2]) < 3:
-        return False
-    if not _is_even(grid):
+    if min(grid.shape[:2]) < 3 or not _is_even(grid):
         return False
     step_u, step_v = np.gradient(grid, axis=1), np.gradient(grid, axis=0)
     diagonals = (step_u + step_v, -step_u - step_v, step_u - step_v, step_v - step_u)
@@ -214,7 +203,7 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray, share: float = 1.0) -> bo
     bright, dark = (one, other) if one.mean() > other.mean() else (other, one)
     # both white squares around each corner are brighter than both black ones
     contrast = bright.min(axis=0).astype(float) - dark.max(axis=0)
-    return bool((contrast > MIN_CONTRAST * (bright.mean() - dark.mean())).mean() >= share)
+    return bool((contrast > _MIN_CONTRAST * (bright.mean() - dark.mean())).mean() >= share)
 
 
 def _refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:

@@ -10,9 +10,7 @@ from math import degrees
 
 # On a straight road the measured radius is large and of either sign. At this radius a line leaves its tangent by
 # 0.15 m, the width of a marking, over the 30 m that the classic views show.
-STRAIGHT_RADIUS_M = 3000.0
-# Smallest radius that is called straight, because the curvature is uncertain.
-LEAST_STRAIGHT_M = 100.0
+_STRAIGHT_RADIUS_M = 3000.0
 
 
 def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
@@ -23,10 +21,10 @@ def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
     """
     if curvature_per_m is None:
         return "bend unknown"
-    size_per_m, least_per_m = abs(curvature_per_m), 1 / STRAIGHT_RADIUS_M
+    size_per_m, least_per_m = abs(curvature_per_m), 1 / _STRAIGHT_RADIUS_M
     most_per_m = size_per_m + std_per_m
     if size_per_m < max(std_per_m, least_per_m):
-        if most_per_m > 1 / LEAST_STRAIGHT_M:
+        if most_per_m > 1 / 100:
             return "bend unknown"
         radius_m = 1 / max(most_per_m, least_per_m)
         return f"straight (R > {f'{radius_m / 1000:.0f} km' if radius_m >= 1000 else f'{round(radius_m, -2):.0f} m'})"

@@ -87,7 +87,10 @@ class DriveSettings:
         given = self.camera or (self.field and self.field.source == GIVEN)
         camera = self.camera if given else read_log_camera(file, self.topic)
         if camera is None:
-            return self.field_of(file).camera(size)
+            field = self.field_of(file)
+            if doubt := field.doubt_about(size):
+                print(f"warning: {file}: {doubt}.", file=sys.stderr)
+            return field.camera(size)
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
         try:

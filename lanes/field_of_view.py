@@ -23,9 +23,9 @@ from lanes.video.robot_log import index_log, is_robot_log, open_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
+# Largest angle of a phone across its longer side, degrees: main cameras of 23 mm (35 mm equivalent) have 79 at 16:9.
+_MAX_PHONE_DEG = 80
 GIVEN = "as given"
-# Diagonal of 35 mm film, 36 x 24 mm, which the equivalent focal length refers to.
-_FILM_DIAGONAL_MM = float(np.hypot(36, 24))
 
 
 @dataclass(frozen=True)
@@ -55,13 +55,23 @@ class FieldOfView:
     def across(self, size: tuple[int, int]) -> float:
         """Horizontal field of view in degrees of images of `size` (width, height)."""
         width, height = size
-        if not self.assumed or width >= height:
-            return self.hfov_deg
-        return float(np.degrees(2 * np.arctan(np.tan(np.radians(self.hfov_deg) / 2) * width / height)))
+        return _other_side(self.hfov_deg, height, width) if self.assumed and width < height else self.hfov_deg
 
     def camera(self, size: tuple[int, int]) -> Camera:
         """The uncalibrated camera of images of `size` (width, height)."""
         return Camera.from_fov(size, self.across(size), lens=self.lens)
+
+    def doubt_about(self, size: tuple[int, int]) -> str:
+        """Why portrait images of `size` (width, height) hardly have the given angle, and the remedy; or nothing."""
+        (width, height), deg = size, self.hfov_deg
+        longer_deg = _other_side(deg, width, height)
+        if self.source != GIVEN or self.lens or width >= height or longer_deg <= _MAX_PHONE_DEG:
+            return ""
+        return (
+            f"the images are in portrait, and --hfov {deg:g} across their narrow side is {longer_deg:.0f} deg across "
+            f"the longer one, where phones have 55 to 70; if {deg:g} deg is the angle of the longer side, give --hfov "
+            f"{_other_side(deg, height, width):.0f}; if you do not know it, omit --hfov"
+        )
 
     def warn(self) -> FieldOfView:
         """The same; if it is doubtful, a warning says so, which Python shows once in a process."""
@@ -71,17 +81,13 @@ class FieldOfView:
 
     def describe(self, remedy: str = "Give --hfov or --boards.") -> str:
         """One sentence with value and source; if it is doubtful also the effect of an error, and the remedy."""
-        if self.doubtful and not self.assumed:
-            return f"{self.words}. {self._describe_wide()}"
-        if not self.assumed:
+        if not self.doubtful:
             return self.words
-        return (
-            f"{self.words}{self.source and f', {self.source}'}: offset and width do not depend on it, but if it is "
-            f"50 (70) deg, the curvature is 1.5 times too strong (too weak). {remedy}"
-        )
-
-    def _describe_wide(self) -> str:
-        """What a wide field of view alone does not say, and what to do."""
+        if self.assumed:
+            return (
+                f"{self.words}{self.source and f', {self.source}'}: offset and width do not depend on it, but if it is "
+                f"50 (70) deg, the curvature is 1.5 times too strong (too weak). {remedy}"
+            )
         half_rad = np.radians(self.hfov_deg) / 2
         ratio = float(np.tan(half_rad) / half_rad)  # of the focal lengths in the middle of the image
         other, longer, stronger = LENSES[1], "longer", "weaker"
@@ -90,10 +96,15 @@ class FieldOfView:
             other, longer, stronger = LENSES[0], "shorter", "stronger"
             remedy = "if straight edges are straight up to the image border, give --lens pinhole"
         return (
-            f"The angle does not say how the lens maps such a wide view: of the other kind ({other}) the focal length "
-            f"is {ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. Offset and "
-            "lane width do not depend on it. Give --boards for all numbers."
+            f"{self.words}. The angle does not say how the lens maps such a wide view: of the other kind ({other}) the "
+            f"focal length is {ratio:.1f} times {longer}, and the curvature {ratio**2:.1f} times {stronger}; {remedy}. "
+            "Offset and lane width do not depend on it. Give --boards for all numbers."
         )
+
+
+def _other_side(angle_deg: float, side_px: int, other_px: int) -> float:
+    """Angle of view in degrees across the other side of an image from that across one side, by their lengths."""
+    return float(np.degrees(2 * np.arctan(np.tan(np.radians(angle_deg) / 2) * other_px / side_px)))
 
 
 def given_field_of_view(hfov_deg: float, lens: str | None = None) -> FieldOfView:
@@ -144,7 +155,8 @@ def _camera_of(entries: dict[str, Any], size: tuple[int, int], *, rectified: boo
     # some drivers state binning, but matrices and size of the binned image
     if size == camera.size or (part == camera.size and binning == [1, 1]):
         return camera
-    cropped = replace(camera.cropped(left, top, part), width=recorded[0] * binning[0], height=recorded[1] * binning[1])
+    matrix = camera.matrix - [[0, 0, left], [0, 0, top], [0, 0, 0]]
+    cropped = replace(camera, width=recorded[0] * binning[0], height=recorded[1] * binning[1], matrix=matrix)
     if not cropped.has_aspect_of(size):
         sizes = f"that of {recorded[0]}x{recorded[1]} pixels, but the images have {size[0]}x{size[1]}"
         raise ValueError(f"it is {sizes}: they were cropped")
@@ -182,18 +194,13 @@ def find_field_of_view(files: Iterable[Path], topic: str | None = None) -> Field
     return FieldOfView(DEFAULT_HFOV_DEG, reason, assumed=True)
 
 
-def read_hfov(still: str | Path) -> float | None:
-    """Horizontal field of view of a still in degrees from its EXIF entries, or None if they do not determine it.
+def _read_exif(still: str | Path) -> tuple[float | None, str]:
+    """Horizontal field of view of a still in degrees from its EXIF entries, or None, and why they do not determine it.
 
     They have the focal length of the same view on 35 mm film, which refers to the diagonal (CIPA DCG-001) of the image
     that the camera took. That of a part of it is less.
     """
-    return _read_exif(still)[0]
-
-
-def _read_exif(still: str | Path) -> tuple[float | None, str]:
-    """See `read_hfov`; also why the focal length in the entries is not used, or nothing."""
-    # Imported here, because it is needed only for stills without other information about the lens.
+    # imported here, because it is needed only for stills without other information about the lens
     from PIL import ExifTags, Image
 
     try:
@@ -207,7 +214,8 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
                 taken = size
             width = (np.abs(upright_axes(orientation_of(image))) @ size)[0]
         diagonal_px = float(np.hypot(*taken))
-        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * _FILM_DIAGONAL_MM / 2 / focal_mm)))
+        film_diagonal_mm = float(np.hypot(36, 24))
+        hfov_deg = float(np.degrees(2 * np.arctan(width / diagonal_px * film_diagonal_mm / 2 / focal_mm)))
     except Exception:  # EXIF is optional information; invalid and missing entries raise many types of error
         return None, ""
     # only a part with one side of the whole image was surely cut out and not resized
@@ -215,4 +223,5 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
     if taken != size and not cut_out:
         of = f"{size[0]}x{size[1]} pixels, but its EXIF entries are those of {taken[0]}x{taken[1]}"
         return None, f"has {of}: it was cropped or resized, which they do not say"
-    return (hfov_deg, "") if HFOV_RANGE_DEG[0] <= hfov_deg <= HFOV_RANGE_DEG[1] else (None, "")
+    low_deg, high_deg = HFOV_RANGE_DEG
+    return hfov_deg if low_deg <= hfov_deg <= high_deg else None, ""

@@ -1,20 +1,25 @@
-"""Height and roll of a camera from the lanes in images of a drive: all images vote together.
+"""The first pose of a camera: what edges and lanes in the images of a drive vote for together.
 
-From a lorry two lanes look like one lane seen from a car, with a dashed line along its middle, and such a lane is found
-in every image. Each image is therefore searched at several heights. A lane votes, with its odds, for the height at
-which it is as wide as lanes are, and with less odds if a line runs along its middle.
+*Pitch and yaw.* Lane lines, kerbs, barriers, parked cars and rows of houses run along the road, and their images
+converge in one point. Its row gives the pitch of the camera, its column the yaw. All edges of all images vote for it.
+It is accurate to a degree, which is enough to look for the lane.
 
-A roll makes lanes of equal width look narrower on one side. The far lines of the lanes next to it are then not where
-they are looked for; at the right roll they are. One such line may belong to a shoulder or to a narrower lane: two or
-more are needed for a roll that is unusual.
+*Height.* From a lorry two lanes look like one lane seen from a car, with a dashed line along its middle, and such a
+lane is found in every image. Each image is therefore searched at several heights. A lane votes, with its odds, for the
+height at which it is as wide as lanes are, and with less odds if a line runs along its middle.
+
+*Roll.* A roll makes lanes of equal width look narrower on one side. The far lines of the lanes next to it are then not
+where they are looked for; at the right roll they are. One such line may belong to a shoulder or to a narrower lane: two
+or more are needed for a roll that is unusual.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
@@ -24,85 +29,60 @@ from lanes.detect.road import ADJACENT, CENTRE, SIDES
 from lanes.detect.search import DetectorSettings, StillDetection
 from lanes.stills import HEIGHT_RANGE_M, search_at_heights
 
-# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars. Vans, lorries, carts and motorcycles are
-# rarer, by this factor at most.
-PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD, RARE_HEIGHT = 1.35, 0.25, 0.05
+# Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard deviation of 4.8 degrees on them.
+_PITCHES_RAD, _YAWS_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
+_ROLLS_RAD = np.radians(np.arange(-6, 6.01, 0.25))
+_LOG_HEIGHTS = np.log(np.geomspace(*HEIGHT_RANGE_M, 221))
+# Prior of the roll: cameras are installed level by eye, within about a degree, a few of them askew. It has the shape of
+# Cauchy's distribution, with this width.
+PRIOR_ROLL_STD_RAD = np.radians(1.0)
+# Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars.
+PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
 # Heights tried, as factors of the assumed one: a lane is found at heights from 0.7 to 1.3 times the true one.
-TRIED_HEIGHTS = 2.0 ** np.array([0.0, -1.0, -0.5, 0.5, 1.0])
-LOG_HEIGHTS = np.log(np.geomspace(*HEIGHT_RANGE_M, 221))
-# Standard deviation of the logarithm of the height that one lane shows: lanes differ by a tenth in width.
-LANE_LOG_STD = 0.1
-# Odds that a lane is of no use for the height (an exit, a seam, parked cars): one image alone has little weight.
-USELESS_ODDS = 3.0
-# Rolls that are tried. Cameras are installed level by eye, within about a degree, a few of them askew: the prior has
-# the shape of Cauchy's distribution, with this width.
-ROLLS_RAD, PRIOR_ROLL_STD_RAD = np.radians(np.arange(-6, 6.01, 0.25)), np.radians(1.0)
+_TRIED_HEIGHTS = 2.0 ** np.array([0.0, -1.0, -0.5, 0.5, 1.0])
 # Other heights and rolls that the images allow are rivals if they differ by more than this: by a factor of 1.4.
-RIVAL_LOG_HEIGHT, RIVAL_ROLL_RAD = 0.35, np.radians(1.0)
-# Weight of the pose that the images were searched with; that of a lane is its confidence.
-START_WEIGHT = 0.5
+_RIVAL_LOG_HEIGHT, _RIVAL_ROLL_RAD = 0.35, np.radians(1.0)
 # Lines parallel to a lane, in lane widths from its middle: one along the middle itself, and the far lines of the lanes
-# next to it and of those beyond; standard deviation of their positions. They are looked for up to this distance ahead.
-# With this weight of stripes a line is seen as likely as not.
-MIDDLE_LINE, FAR_LINES, LINE_STD, LINES_AHEAD_M, HALF_SEEN = (0.0,), (-2.5, -1.5, 1.5, 2.5), 0.05, 45.0, 4.0
+# next to it and of those beyond.
+_MIDDLE_LINE, _FAR_LINES = (0.0,), (-2.5, -1.5, 1.5, 2.5)
 # Logarithm of the odds against a lane with a line along its middle (a seam, arrows), and for a roll at which a far line
 # is seen in all images.
-LINE_LOG_ODDS = 3.0
-# Half width of the view of the first images: it holds the far lines of the adjacent lanes at a roll of 3 degrees.
-FIRST_HALF_WIDTH_M = 8.5
+_LINE_LOG_ODDS = 3.0
 
 
-def vote_heights(odds: np.ndarray, log_heights: np.ndarray) -> np.ndarray:
-    """Density over `LOG_HEIGHTS`, from the odds (images, N) of lanes and the log heights that they show.
+class Direction(NamedTuple):
+    """Pitch and yaw of a camera, radians, each with its standard deviation."""
 
-    These are NaN where no lane is seen. Without lanes the density is the prior.
+    pitch_rad: float
+    pitch_std_rad: float
+    yaw_rad: float
+    yaw_std_rad: float
+
+
+# The prior: cameras are aimed ahead by hand. The yaw contains the heading of the car.
+AHEAD = Direction(0.0, float(np.radians(6.0)), 0.0, float(np.radians(10.0)))
+
+
+class Given(NamedTuple):
+    """What is known before a pose is estimated, and how lanes are looked for; see `lanes.estimate_pose`."""
+
+    lane_width_m: float
+    height_m: float | None
+    markings: Markings | None
+    settings: DetectorSettings
+
+
+@dataclass(frozen=True)
+class Rivals:
+    """What other heights and rolls that the images allow contribute to the standard deviations.
+
+    `share` is the probability of other heights, `height_m` the most probable of these.
     """
-    prior = np.exp(-0.5 * ((LOG_HEIGHTS - np.log(PRIOR_HEIGHT_M)) / PRIOR_HEIGHT_LOG_STD) ** 2)
-    near = np.exp(-0.5 * ((log_heights[..., None] - LOG_HEIGHTS) / LANE_LOG_STD) ** 2)
-    votes = np.nan_to_num(odds[..., None] * near).max(axis=1)
-    return _normalised(np.log(np.maximum(prior, RARE_HEIGHT)) + np.log1p(votes / USELESS_ODDS).sum(axis=0))
 
-
-def _vote(still: StillDetection) -> float:
-    """Odds of the lane in an image, 0 without one; a line along its middle makes them less."""
-    if still.lane is None:
-        return 0.0
-    middle = float(_lines_seen(still, MIDDLE_LINE, np.zeros(1))[0, 0])
-    return float(np.exp(still.lane.log_odds - LINE_LOG_ODDS * middle))
-
-
-def vote_rolls(stills: Sequence[StillDetection]) -> np.ndarray:
-    """Density over `ROLLS_RAD`; the lanes of the images were found with poses without a roll."""
-    log_density = -np.log1p((ROLLS_RAD / PRIOR_ROLL_STD_RAD) ** 2)
-    if stills:
-        seen = np.mean([_lines_seen(still, FAR_LINES, ROLLS_RAD) for still in stills], axis=0)
-        log_density += LINE_LOG_ODDS * seen.sum(axis=0)
-    return _normalised(log_density)
-
-
-def _lines_seen(still: StillDetection, lines: Sequence[float], rolls_rad: np.ndarray) -> np.ndarray:
-    """How much is seen of each of the `lines` along the lane if the camera is rolled: (lines, rolls), 0 to 1."""
-    assert still.search and still.lane
-    fit, lane, height_m = still.search.fit, still.lane, still.camera.require_pose().height_m
-    along = fit.residuals.weights(np.full(len(fit.stripes), np.inf))[0]
-    weight = fit.stripes.weight * along * (~fit.stripes.edge & (fit.stripes.x_m < LINES_AHEAD_M))
-    # lines of a straight road converge in one point of the image, and a roll turns them around it
-    turned = np.arctan(fit.residuals.coordinates.a[0] / height_m) + rolls_rad[:, None]
-    of_lane = np.arctan((lane.model[CENTRE] + SIDES * lane.width_m / 2) / height_m)
-    left, right = np.tan(of_lane[:, None] + rolls_rad)[..., None]
-    position = (np.tan(np.clip(turned, -1.5, 1.5)) - (left + right) / 2) / (left - right)
-    shown = np.array([np.exp(-0.5 * ((position - line) / LINE_STD) ** 2) @ weight for line in lines])
-    return shown / (shown + HALF_SEEN)
-
-
-def rival_std(values: np.ndarray, density: np.ndarray, chosen: float, apart: float) -> float:
-    """Standard deviation that rivals of a chosen value, farther away than `apart`, contribute to its uncertainty."""
-    return float(np.sqrt(density @ (np.square(values - chosen) * (np.abs(values - chosen) > apart))))
-
-
-def _normalised(log_density: np.ndarray) -> np.ndarray:
-    density = np.exp(log_density - log_density.max())
-    return density / density.sum()
+    share: float
+    log_height_std: float
+    roll_std_rad: float
+    height_m: float
 
 
 class Shown(NamedTuple):
@@ -141,71 +121,148 @@ def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
     return Shown(lane.confidence, log_height, pitch_rad, yaw_rad, roll_rad, lane.left.edge or lane.right.edge)
 
 
-class Rivals(NamedTuple):
-    """What other heights and rolls that the images allow contribute to the standard deviations.
+def find_edge_direction(images: Iterable[np.ndarray], camera: Camera) -> Direction:
+    """The direction that all edges of RGB images (height, width, 3), uint8, have in common; without edges `AHEAD`."""
+    votes = sum((_vote_of_edges(image, camera) for image in images), np.zeros((len(_PITCHES_RAD), len(_YAWS_RAD))))
+    pitch_penalty = 0.5 * (_PITCHES_RAD / AHEAD.pitch_std_rad)[:, None] ** 2
+    log_prior = -pitch_penalty - 0.5 * (_YAWS_RAD / AHEAD.yaw_std_rad) ** 2
+    # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
+    log_posterior = votes / 2.0 + log_prior
+    posterior = np.exp(log_posterior - log_posterior.max())
+    of_pitch, of_yaw = posterior.sum(axis=1), posterior.sum(axis=0)
+    return Direction(*_mode_and_std(_PITCHES_RAD, of_pitch), *_mode_and_std(_YAWS_RAD, of_yaw))
 
-    `share` is the probability of other heights, `height_m` the most probable of these.
+
+def _vote_of_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """Votes of the edges that point at the vanishing point of each pitch and yaw: (pitches, yaws).
+
+    An edge has a vote for each length of 0.05 in ray coordinates, up to four. Edges shorter than 20 px have no reliable
+    direction; flatter or steeper ones belong to cross beams and poles.
     """
+    found = cv2.createLineSegmentDetector().detect(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))[0]
+    ends = np.empty((0, 2, 2)) if found is None else found.reshape(-1, 2, 2).astype(float)
+    across, down = np.abs(ends[:, 1] - ends[:, 0]).T
+    slope_deg = np.degrees(np.arctan2(down, across))
+    ends = ends[(np.hypot(across, down) > 20) & (slope_deg > 8) & (slope_deg < 75)]
+    ends = camera.rays(ends.reshape(-1, 2))[:, :2].reshape(-1, 2, 2)
+    middle, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
+    length = np.hypot(*along.T)
+    to_x = np.tan(_YAWS_RAD)[:, None] / np.cos(_PITCHES_RAD)[:, None, None] - middle[:, 0]
+    to_y = -np.tan(_PITCHES_RAD)[:, None, None] - middle[:, 1]
+    distance = np.hypot(to_x, to_y)
+    angle = np.abs(to_x * along[:, 1] - to_y * along[:, 0]) / length / np.maximum(distance, 0.05)
+    # roads are not quite straight, by 1 degree; ends are known to 1.5 px at a focal length of 1000 px
+    std = np.hypot(np.radians(1.0), 0.0015 / length)
+    # an edge that contains the point does not lead there
+    points = np.exp(-0.5 * (angle / std) ** 2) * (distance > length / 2)
+    return (np.minimum(length / 0.05, 4.0) * points).sum(axis=-1)
 
-    share: float
-    log_height_std: float
-    roll_std_rad: float
-    height_m: float
+
+def _mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:
+    """Maximum of a density given on a grid, and the standard deviation about it."""
+    mode = float(values[np.argmax(density)])
+    return mode, float(np.sqrt(np.average((values - mode) ** 2, weights=density)))
 
 
-def first_pose(
-    images: Iterable[np.ndarray],
-    camera: Camera,
-    lane_width_m: float,
-    height_m: float | None,
-    markings: Markings | None,
-    settings: DetectorSettings,
-) -> tuple[CameraPose, Rivals]:
+def first_pose(images: Iterable[np.ndarray], camera: Camera, given: Given) -> tuple[CameraPose, Rivals]:
     """The pose that the lanes in the first images show together, from that of the camera, and its rivals."""
-    pose, wide = camera.require_pose(), replace(settings, half_width_m=FIRST_HALF_WIDTH_M)
-    tried_m = pose.height_m * (np.ones(1) if height_m else TRIED_HEIGHTS)
-    found = [search_at_heights(image, camera, tried_m, wide, markings=markings) for image in images]
+    pose, lane_width_m = camera.require_pose(), given.lane_width_m
+    # the view holds the far lines of the adjacent lanes at a roll of 3 degrees
+    wide = replace(given.settings, half_width_m=8.5)
+    tried_m = pose.height_m * (np.ones(1) if given.height_m else _TRIED_HEIGHTS)
+    found = [search_at_heights(image, camera, tried_m, wide, markings=given.markings) for image in images]
     shown = np.array([table([shown_by(still, lane_width_m) for still in stills]) for stills in found])
-    heights = vote_heights(np.array([[_vote(still) for still in stills] for stills in found]), shown["log_height"])
-    log_height = float(LOG_HEIGHTS[heights.argmax()])
+    heights = _vote_for_heights(np.array([[_odds(still) for still in stills] for stills in found]), shown["log_height"])
+    log_height = float(_LOG_HEIGHTS[heights.argmax()])
     # of each image the most probable lane that shows this height
-    near = bool(height_m) | (np.abs(shown["log_height"] - log_height) < RIVAL_LOG_HEIGHT)
+    near = bool(given.height_m) | (np.abs(shown["log_height"] - log_height) < _RIVAL_LOG_HEIGHT)
     confidence = np.where(near, shown["confidence"], 0.0)
     best = [(k, int(row.argmax())) for k, row in enumerate(confidence) if row.any()]
-    rolls = vote_rolls([found[image][height] for image, height in best])
-    roll_rad = float(ROLLS_RAD[rolls.argmax()])
-    start = replace(pose, height_m=height_m or float(np.exp(log_height)))
-    median = median_pose(np.array([shown[k] for k in best], shown.dtype), start, height_m)
+    rolls = _vote_for_rolls([found[image][height] for image, height in best])
+    roll_rad = float(_ROLLS_RAD[rolls.argmax()])
+    start = replace(pose, height_m=given.height_m or float(np.exp(log_height)))
+    median = median_pose(np.array([shown[k] for k in best], shown.dtype), start, given.height_m)
     # a small roll is found by the fit of the adjacent lanes, with less noise
-    turned = replace(median, roll_rad=roll_rad) if abs(roll_rad) > RIVAL_ROLL_RAD else median
-    return turned, _find_rivals(heights, log_height, rolls, roll_rad)
+    turned = replace(median, roll_rad=roll_rad) if abs(roll_rad) > _RIVAL_ROLL_RAD else median
+    others = heights * (np.abs(_LOG_HEIGHTS - log_height) > _RIVAL_LOG_HEIGHT)
+    return turned, Rivals(
+        share=float(others.sum()),
+        log_height_std=_std_of_rivals(_LOG_HEIGHTS, heights, log_height, _RIVAL_LOG_HEIGHT),
+        roll_std_rad=_std_of_rivals(_ROLLS_RAD, rolls, roll_rad, _RIVAL_ROLL_RAD),
+        height_m=float(np.exp(_LOG_HEIGHTS[others.argmax()])),
+    )
 
 
-def _find_rivals(heights: np.ndarray, log_height: float, rolls: np.ndarray, roll_rad: float) -> Rivals:
-    """The rivals of a height and a roll, from the densities over `LOG_HEIGHTS` and `ROLLS_RAD`."""
-    others = heights * (np.abs(LOG_HEIGHTS - log_height) > RIVAL_LOG_HEIGHT)
-    log_height_std = rival_std(LOG_HEIGHTS, heights, log_height, RIVAL_LOG_HEIGHT)
-    roll_std_rad = rival_std(ROLLS_RAD, rolls, roll_rad, RIVAL_ROLL_RAD)
-    return Rivals(float(others.sum()), log_height_std, roll_std_rad, float(np.exp(LOG_HEIGHTS[others.argmax()])))
+def _odds(still: StillDetection) -> float:
+    """Odds of the lane in an image, 0 without one; a line along its middle makes them less."""
+    if still.lane is None:
+        return 0.0
+    middle = float(_lines_seen(still, _MIDDLE_LINE, np.zeros(1))[0, 0])
+    return float(np.exp(still.lane.log_odds - _LINE_LOG_ODDS * middle))
+
+
+def _vote_for_heights(odds: np.ndarray, log_heights: np.ndarray) -> np.ndarray:
+    """Density over `_LOG_HEIGHTS`, from the odds (images, N) of lanes and the log heights that they show.
+
+    These are NaN where no lane is seen. Without lanes the density is the prior.
+    """
+    prior = np.exp(-0.5 * ((_LOG_HEIGHTS - np.log(PRIOR_HEIGHT_M)) / PRIOR_HEIGHT_LOG_STD) ** 2)
+    # lanes differ by a tenth in width
+    near = np.exp(-0.5 * ((log_heights[..., None] - _LOG_HEIGHTS) / 0.1) ** 2)
+    votes = np.nan_to_num(odds[..., None] * near).max(axis=1)
+    # Vans, lorries, carts and motorcycles are rarer by a factor of 20 at most. With odds of 3 a lane is of no use for
+    # the height (an exit, a seam, parked cars): one image alone has little weight.
+    return _normalised(np.log(np.maximum(prior, 0.05)) + np.log1p(votes / 3.0).sum(axis=0))
+
+
+def _vote_for_rolls(stills: Sequence[StillDetection]) -> np.ndarray:
+    """Density over `_ROLLS_RAD`; the lanes of the images were found with poses without a roll."""
+    log_density = -np.log1p((_ROLLS_RAD / PRIOR_ROLL_STD_RAD) ** 2)
+    if stills:
+        seen = np.mean([_lines_seen(still, _FAR_LINES, _ROLLS_RAD) for still in stills], axis=0)
+        log_density += _LINE_LOG_ODDS * seen.sum(axis=0)
+    return _normalised(log_density)
+
+
+def _lines_seen(still: StillDetection, lines: Sequence[float], rolls_rad: np.ndarray) -> np.ndarray:
+    """How much is seen of each of the `lines` along the lane if the camera is rolled: (lines, rolls), 0 to 1."""
+    assert still.search and still.lane
+    fit, lane, height_m = still.search.fit, still.lane, still.camera.require_pose().height_m
+    along = fit.residuals.weights(np.full(len(fit.stripes), np.inf))[0]
+    weight = fit.stripes.weight * along * (~fit.stripes.edge & (fit.stripes.x_m < 45.0))
+    # lines of a straight road converge in one point of the image, and a roll turns them around it
+    turned = np.arctan(fit.residuals.coordinates.a[0] / height_m) + rolls_rad[:, None]
+    of_lane = np.arctan((lane.model[CENTRE] + SIDES * lane.width_m / 2) / height_m)
+    left, right = np.tan(of_lane[:, None] + rolls_rad)[..., None]
+    position = (np.tan(np.clip(turned, -1.5, 1.5)) - (left + right) / 2) / (left - right)
+    # their positions vary by 0.05 lane widths; with a weight of 4 a line is seen as likely as not
+    shown = np.array([np.exp(-0.5 * ((position - line) / 0.05) ** 2) @ weight for line in lines])
+    return shown / (shown + 4.0)
+
+
+def _std_of_rivals(values: np.ndarray, density: np.ndarray, chosen: float, apart: float) -> float:
+    """Standard deviation that rivals of a chosen value, farther away than `apart`, contribute to its uncertainty."""
+    return float(np.sqrt(density @ (np.square(values - chosen) * (np.abs(values - chosen) > apart))))
+
+
+def _normalised(log_density: np.ndarray) -> np.ndarray:
+    density = np.exp(log_density - log_density.max())
+    return density / density.sum()
 
 
 def median_pose(shown: np.ndarray, pose: CameraPose, height_m: float | None) -> CameraPose:
     """The pose whose numbers are the medians of those `shown` (images,), weighted by confidence."""
-    numbers = {
-        name: weighted_median(shown[name], shown["confidence"], getattr(pose, name))
-        for name in ("pitch_rad", "yaw_rad", "roll_rad")
-    }
+    start = {"pitch_rad": pose.pitch_rad, "yaw_rad": pose.yaw_rad, "roll_rad": pose.roll_rad}
+    angles = {name: weighted_median(shown[name], shown["confidence"], value) for name, value in start.items()}
     log_height = weighted_median(shown["log_height"], shown["confidence"], np.log(pose.height_m))
-    return CameraPose(height_m or float(np.exp(log_height)), **numbers)
+    return CameraPose(height_m or float(np.exp(log_height)), **angles)
 
 
 def weighted_median(values: np.ndarray, weights: np.ndarray, start: float) -> float:
-    """Median of the start and of the values (N,) that are not NaN."""
+    """Median of the values (N,) that are not NaN, and of a start, which has half the weight of a certain lane."""
     known = np.isfinite(values)
-    values, weights = np.append(values[known], start), np.append(weights[known], START_WEIGHT)
-    order = np.argsort(values)
-    total = np.cumsum(weights[order])
-    return float(values[order][np.searchsorted(total, total[-1] / 2)])
+    values, weights = np.append(values[known], start), np.append(weights[known], 0.5)
+    return float(np.quantile(values, 0.5, weights=weights, method="inverted_cdf"))
 
 
 def std_of_median(values: np.ndarray, motion_std: float) -> float:

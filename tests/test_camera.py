@@ -12,72 +12,52 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 from PIL import Image
 
-from lanes.camera import (
-    CalibrationReport,
-    Camera,
-    CameraPose,
-    camera_to_dict,
-    load_camera,
-    save_camera,
-    undistort,
-)
+from lanes.camera import CalibrationReport, Camera, CameraPose, camera_to_dict, load_camera, save_camera, undistort
 from lanes.errors import CameraError
 from lanes.images import read_image
 from simulator.scenes.dashcam import DASHCAM
 from tests.support.examples import examples
 
 FOCAL_PX = 640 / np.tan(np.radians(30))
-poses = st.builds(
-    CameraPose,
-    height_m=st.floats(0.8, 3),
-    pitch_rad=st.floats(-0.1, 0.3),
-    yaw_rad=st.floats(-0.3, 0.3),
-    roll_rad=st.floats(-0.2, 0.2),
-)
-
-
-SLOPE = np.tan(0.05)
+poses = st.builds(CameraPose, st.floats(0.8, 3), st.floats(-0.1, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))
+SLOPE, COS, SIN = np.tan(0.05), np.cos(0.05), np.sin(0.05)
 # Poses, a point of the road frame, and how far right of the centre and below it the point is seen, in focal lengths.
 SEEN = {
     "ahead at the camera's height": (CameraPose(1.5), (20, 0, 1.5), (0, 0)),
     "on the road, on the left": (CameraPose(1.5), (20, 2, 0), (-0.1, 0.075)),
     "positive pitch looks down, so the horizon rises": (CameraPose(1.5, pitch_rad=0.05), (20, 0, 1.5), (0, -SLOPE)),
     "positive yaw looks left": (CameraPose(1.5, yaw_rad=0.05), (20, 0, 1.5), (SLOPE, 0)),
-    "positive roll has the right side down": (
-        CameraPose(1.5, roll_rad=0.05),
-        (20, 5, 1.5),
-        (-0.25 * np.cos(0.05), 0.25 * np.sin(0.05)),
-    ),
+    "positive roll: right side down": (CameraPose(1.5, roll_rad=0.05), (20, 5, 1.5), (-0.25 * COS, 0.25 * SIN)),
 }
 
 
-class TestSigns:
-    @pytest.mark.parametrize("name", SEEN)
-    def test_signs_of_the_pose(self, name):
-        pose, point_m, slopes = SEEN[name]
-        pixel = Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
-        np.testing.assert_allclose(pixel, (639.5, 359.5) + FOCAL_PX * np.array(slopes), atol=1e-9)
+@pytest.mark.parametrize("name", SEEN)
+def test_signs_of_the_pose(name):
+    pose, point_m, slopes = SEEN[name]
+    pixel = Camera.from_fov((1280, 720), 60, pose).road_to_pixels(np.array([point_m]))[0]
+    np.testing.assert_allclose(pixel, (639.5, 359.5) + FOCAL_PX * np.array(slopes), atol=1e-9)
 
 
-class TestProjection:
-    @given(poses, st.floats(4, 60), st.floats(-6, 6))
-    def test_road_to_pixels_and_back(self, pose, x_m, y_m):
-        camera = DASHCAM.with_pose(pose)
-        pixel = camera.road_to_pixels(np.array([[x_m, y_m]]))
-        assume(((pixel >= 0) & (pixel <= [1279, 719])).all())
-        np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
+@given(poses, st.floats(4, 60), st.floats(-6, 6))
+def test_road_to_pixels_and_back(pose, x_m, y_m):
+    camera = DASHCAM.with_pose(pose)
+    pixel = camera.road_to_pixels(np.array([[x_m, y_m]]))
+    assume(((pixel >= 0) & (pixel <= [1279, 719])).all())
+    np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
 
-    def test_pixels_are_those_of_opencv_to_the_last_bit(self):
-        points = np.random.default_rng(0).uniform([4, -3, -0.5], [60, 3, 2], (200, 3))
-        pose = DASHCAM.require_pose()
-        seen = (points - [0, 0, pose.height_m]) @ pose.rotation.T
-        expected, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), DASHCAM.matrix, DASHCAM.distortion)
-        np.testing.assert_array_equal(DASHCAM.road_to_pixels(points), expected.reshape(-1, 2))
 
-    def test_sky_and_points_behind_the_camera_give_nan(self):
-        assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
-        pixels = DASHCAM.road_to_pixels(np.array([[-5.0, 0.0], [20.0, 0.0], [0.0, 0.0]]))
-        assert np.isnan(pixels[[0, 2]]).all() and np.isfinite(pixels[1]).all()
+def test_pixels_are_those_of_opencv_to_the_last_bit():
+    points = np.random.default_rng(0).uniform([4, -3, -0.5], [60, 3, 2], (200, 3))
+    pose = DASHCAM.require_pose()
+    seen = (points - [0, 0, pose.height_m]) @ pose.rotation.T
+    expected, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), DASHCAM.matrix, DASHCAM.distortion)
+    np.testing.assert_array_equal(DASHCAM.road_to_pixels(points), expected.reshape(-1, 2))
+
+
+def test_sky_and_points_behind_the_camera_give_nan():
+    assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
+    pixels = DASHCAM.road_to_pixels(np.array([[-5.0, 0.0], [20.0, 0.0], [0.0, 0.0]]))
+    assert np.isnan(pixels[[0, 2]]).all() and np.isfinite(pixels[1]).all()
 
 
 @st.composite
@@ -97,156 +77,144 @@ def lenses(draw: st.DrawFn) -> Camera:
     return camera
 
 
-class TestDistortion:
-    @examples(60)
-    @given(lenses(), st.integers(0, 2**32 - 1))
-    def test_undistorting_and_distorting_points_is_the_identity(self, camera, seed):
-        pixels = np.random.default_rng(seed).uniform(0, 1, (40, 2)) * camera.size
-        pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
-        np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
-
-    @pytest.mark.parametrize("least", [0.0, 5e-324, -1e-310])
-    def test_rays_beyond_the_monotonic_range_give_nan(self, least):
-        """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
-        folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, least, 0, 0, least]), CameraPose(1.3))
-        assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
-        assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
-        assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
-
-    def test_undistort_makes_a_bent_line_straight(self):
-        """A straight line of the world at v = 80 of the ideal image, painted where the lens shows it."""
-        ideal = np.column_stack([np.arange(-100, 1400, 0.25), np.full(6000, 80.0)])
-        seen = np.round(DASHCAM.distort_points(ideal)).astype(int)
-        inside = ((seen >= [0, 2]) & (seen < [1280, 718])).all(axis=1)
-        image = np.zeros((720, 1280, 3), np.uint8)
-        for dv in (-2, -1, 0, 1, 2):
-            image[seen[inside, 1] + dv, seen[inside, 0]] = 255
-
-        def centre(picture: np.ndarray) -> np.ndarray:
-            weight = picture[:, 100:1180, 0].astype(float)
-            return (weight * np.arange(720)[:, None]).sum(axis=0) / weight.sum(axis=0)
-
-        assert np.ptp(centre(image)) > 20
-        straight = undistort(image, DASHCAM)
-        assert straight.shape == image.shape and straight.dtype == np.uint8
-        np.testing.assert_allclose(centre(straight), 80, atol=0.6)
+@examples(60)
+@given(lenses(), st.integers(0, 2**32 - 1))
+def test_undistorting_and_distorting_points_is_the_identity(camera, seed):
+    pixels = np.random.default_rng(seed).uniform(0, 1, (40, 2)) * camera.size
+    pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
+    np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
 
 
-class TestSizes:
-    @pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
-    def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(self, size):
-        """An image begins at -0.5: pixel centres are at integers."""
-        pixels = np.array([[-0.5, -0.5], [100.0, 50.0], [1279.5, 719.5]])
-        shares = (pixels + 0.5) / DASHCAM.size
-        scaled = DASHCAM.scaled(size)
-        np.testing.assert_allclose(scaled.rays(shares * size - 0.5), DASHCAM.rays(pixels), atol=1e-9)
-        assert scaled.size == size and scaled.pose == DASHCAM.pose
-
-    def test_another_aspect_ratio_cannot_be_rescaled(self):
-        with pytest.raises(CameraError, match="640x480 image has another aspect ratio than the calibrated 1280x720"):
-            DASHCAM.scaled((640, 480))
-
-    @pytest.mark.parametrize(
-        ("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")]
-    )
-    def test_the_field_of_view_is_the_one_asked_for(self, hfov_deg, lens):
-        camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
-        assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
-        assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
-        left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
-        assert right - left == pytest.approx(hfov_deg)
+@pytest.mark.parametrize("least", [0.0, 5e-324, -1e-310])
+def test_rays_beyond_the_monotonic_range_give_nan(least):
+    """The polynomial has its maximum where 1 + 3 k1 r^2 = 0; tiny further coefficients must not divide by zero."""
+    folding = Camera(1280, 720, DASHCAM.matrix, np.array([-0.3, least, 0, 0, least]), CameraPose(1.3))
+    assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
+    assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
+    assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
 
 
-@pytest.fixture
-def content() -> dict:
+def test_undistort_makes_a_bent_line_straight():
+    """A straight line of the world at v = 80 of the ideal image, painted where the lens shows it."""
+    ideal = np.column_stack([np.arange(-100, 1400, 0.25), np.full(6000, 80.0)])
+    seen = np.round(DASHCAM.distort_points(ideal)).astype(int)
+    inside = ((seen >= [0, 2]) & (seen < [1280, 718])).all(axis=1)
+    image = np.zeros((720, 1280, 3), np.uint8)
+    for dv in (-2, -1, 0, 1, 2):
+        image[seen[inside, 1] + dv, seen[inside, 0]] = 255
+
+    def centre(image: np.ndarray) -> np.ndarray:
+        weight = image[:, 100:1180, 0].astype(float)
+        return (weight * np.arange(720)[:, None]).sum(axis=0) / weight.sum(axis=0)
+
+    assert np.ptp(centre(image)) > 20
+    straight = undistort(image, DASHCAM)
+    assert straight.shape == image.shape and straight.dtype == np.uint8
+    np.testing.assert_allclose(centre(straight), 80, atol=0.6)
+
+
+@pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
+def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(size):
+    """An image begins at -0.5: pixel centres are at integers."""
+    pixels = np.array([[-0.5, -0.5], [100.0, 50.0], [1279.5, 719.5]])
+    shares = (pixels + 0.5) / DASHCAM.size
+    scaled = DASHCAM.scaled(size)
+    np.testing.assert_allclose(scaled.rays(shares * size - 0.5), DASHCAM.rays(pixels), atol=1e-9)
+    assert scaled.size == size and scaled.pose == DASHCAM.pose
+
+
+def test_another_aspect_ratio_cannot_be_rescaled():
+    with pytest.raises(CameraError, match="640x480 image has another aspect ratio than the calibrated 1280x720"):
+        DASHCAM.scaled((640, 480))
+
+
+@pytest.mark.parametrize(("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")])
+def test_the_field_of_view_is_the_one_asked_for(hfov_deg, lens):
+    camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
+    assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
+    assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
+    left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
+    assert right - left == pytest.approx(hfov_deg)
+
+
+@given(lenses(), poses)
+@examples(20)
+def test_what_is_written_is_read_back_to_the_last_bit(tmp_path_factory, lens, pose):
+    path = tmp_path_factory.mktemp("camera") / "new" / "camera.yaml"
+    loaded = load_camera(save_camera(lens.with_pose(pose), path))
+    assert loaded.size == lens.size and loaded.pose == pose and loaded.report is None
+    np.testing.assert_array_equal(loaded.matrix, lens.matrix)
+    np.testing.assert_array_equal(loaded.distortion, lens.distortion)
+
+
+@pytest.mark.parametrize(
+    "distortion",
+    [
+        [0.1, 0.02, 0.003, 0.004, 0.005],
+        [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02],
+        [0.02, -0.01, 0.003, -0.001],
+    ],
+)
+def test_each_lens_model_is_that_of_opencv(tmp_path, distortion):
+    camera = replace(DASHCAM, distortion=distortion)
+    rays = np.random.default_rng(0).uniform((-0.6, -0.4, 1), (0.6, 0.4, 1), (50, 3))
+    project = cv2.fisheye.projectPoints if len(distortion) == 4 else cv2.projectPoints
+    expected, _ = project(rays[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
+    pixels = camera.distort_points(rays[:, :2] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
+    np.testing.assert_allclose(pixels, expected.reshape(-1, 2), atol=1e-6)
+    np.testing.assert_allclose(camera.rays(pixels), rays, atol=1e-6)
+    np.testing.assert_array_equal(load_camera(save_camera(camera, tmp_path / "a.yaml")).distortion, distortion)
+
+
+@pytest.mark.parametrize(
+    ("entry", "value"),
+    [
+        *((entry, None) for entry in ("image_width", "distortion_coefficients", "pose")),
+        ("distortion_model", "spherical"),
+        ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
+        ("camera_matrix", {"data": [1.0, 2.0]}),
+        ("camera_matrix", {"data": [1000.0, 30, 640, 0, 1000, 360, 0, 0, 1]}),
+        ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
+        ("distortion_coefficients", {"data": [0.1] * 3}),
+        ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
+        ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
+        ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
+    ],
+)
+def test_bad_entry_is_refused(tmp_path, entry, value):
     report = CalibrationReport(0.5, {"a.jpg": 0.4, "b.jpg": 0.6}, {"c.jpg": "no chessboard"}, "2020-01-02")
-    return camera_to_dict(replace(DASHCAM, report=report))
+    path, content = tmp_path / "camera.yaml", camera_to_dict(replace(DASHCAM, report=report))
+    path.write_text(yaml.safe_dump(content))
+    assert load_camera(path).report == report
+    path.write_text(yaml.safe_dump(content | {entry: value}))
+    with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
+        load_camera(path)
 
 
-def write(path, content):
-    path.write_text(content if isinstance(content, str) else yaml.safe_dump(content))
-    return path
+UPRIGHT_OF = {1: np.array, 3: lambda a: np.rot90(a, 2), 6: lambda a: np.rot90(a, -1)}
+UPRIGHT_OF[7] = lambda a: np.rot90(a.transpose(1, 0, 2), 2)
 
 
-class TestCameraFile:
-    @given(lenses(), poses)
-    @examples(20)
-    def test_what_is_written_is_read_back_to_the_last_bit(self, tmp_path_factory, lens, pose):
-        path = tmp_path_factory.mktemp("camera") / "new" / "camera.yaml"
-        loaded = load_camera(save_camera(lens.with_pose(pose), path))
-        assert loaded.size == lens.size and loaded.pose == pose and loaded.report is None
-        np.testing.assert_array_equal(loaded.matrix, lens.matrix)
-        np.testing.assert_array_equal(loaded.distortion, lens.distortion)
-
-    @pytest.mark.parametrize(
-        ("model", "given", "read"),
-        [
-            (None, [0.1, 0.02, 0.003, 0.004], [0.1, 0.02, 0.003, 0.004, 0.0]),
-            ("plumb_bob", [0.1, 0.02, 0.003, 0.004, 0.005, 0.0, 0.0, 0.0], [0.1, 0.02, 0.003, 0.004, 0.005]),
-            (None, [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02], [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02]),
-            ("equidistant", [0.02, -0.01, 0.003, -0.001], [0.02, -0.01, 0.003, -0.001]),
-        ],
-    )
-    def test_the_distortion_models_of_ros_are_read(self, tmp_path, content, model, given, read):
-        content["distortion_coefficients"] = {"rows": 1, "cols": len(given), "data": given}
-        content["distortion_model"] = model
-        if model is None:
-            del content["distortion_model"]
-        camera = load_camera(write(tmp_path / "ros.yaml", content))
-        np.testing.assert_array_equal(camera.distortion, read)
-        rays = np.random.default_rng(0).uniform((-0.6, -0.4, 1), (0.6, 0.4, 1), (50, 3))
-        project = cv2.fisheye.projectPoints if model == "equidistant" else cv2.projectPoints
-        expected, _ = project(rays[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
-        pixels = camera.distort_points(rays[:, :2] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
-        np.testing.assert_allclose(pixels, expected.reshape(-1, 2), atol=1e-6)
-        np.testing.assert_allclose(camera.rays(pixels), rays, atol=1e-6)
-        again = load_camera(save_camera(camera, tmp_path / "again.yaml"))
-        np.testing.assert_array_equal(again.distortion, read)
-
-    @pytest.mark.parametrize(
-        ("entry", "value"),
-        [
-            *((entry, None) for entry in ("image_width", "distortion_coefficients", "pose")),
-            ("distortion_model", "spherical"),
-            ("camera_matrix", {"data": [-1000.0, 0, 640, 0, 1000.0, 360, 0, 0, 1]}),
-            ("camera_matrix", {"data": [1.0, 2.0]}),
-            ("camera_matrix", {"data": [1000.0, 30, 640, 0, 1000, 360, 0, 0, 1]}),
-            ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
-            ("distortion_coefficients", {"data": [0.1] * 3}),
-            ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
-            ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
-            ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
-        ],
-    )
-    def test_bad_entry_is_refused(self, tmp_path, content, entry, value):
-        content[entry] = value
-        with pytest.raises(CameraError, match=r"camera\.yaml: is not a usable camera file"):
-            load_camera(write(tmp_path / "camera.yaml", content))
-
-
-@pytest.mark.parametrize("orientation", [1, 3, 6, 7])
+@pytest.mark.parametrize("orientation", UPRIGHT_OF)
 def test_a_camera_is_turned_as_the_images_are(tmp_path, orientation):
     """The ray of a pixel of the upright image is that of the sensor's pixel, seen along the turned axes."""
-    matrix = np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]])
-    camera = replace(DASHCAM, width=128, height=72, matrix=matrix, pose=None)
+    camera = replace(DASHCAM, width=128, height=72, matrix=np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]]), pose=None)
     turned = camera.turned(orientation)
-    upright_of = {2: np.fliplr, 3: lambda a: np.rot90(a, 2), 4: np.flipud, 5: lambda a: a.transpose(1, 0, 2)}
-    upright_of |= {6: lambda a: np.rot90(a, -1), 7: lambda a: np.rot90(a.transpose(1, 0, 2), 2), 8: np.rot90}
+    # each pixel has its row and column on the sensor as its colour
     stored = np.dstack([*np.mgrid[:72, :128], np.zeros((72, 128))]).astype(np.uint8)
     exif = Image.Exif()
     exif[0x0112] = orientation
     Image.fromarray(stored).save(tmp_path / "a.png", exif=exif)
     image = read_image(tmp_path / "a.png")
-    np.testing.assert_array_equal(image, upright_of.get(orientation, np.array)(stored))
+    np.testing.assert_array_equal(image, UPRIGHT_OF[orientation](stored))
     np.testing.assert_array_equal(read_image(tmp_path / "a.png", upright=False), stored)
     assert turned.size == image.shape[1::-1]
-    v, u = np.mgrid[: turned.height, : turned.width].reshape(2, -1)
-    sensor_v, sensor_u = image[v, u, :2].astype(float).T
-    expected = camera.rays(np.column_stack([sensor_u, sensor_v]))[:, :2]
+    on_sensor = image[..., 1::-1].astype(float)
     # the axes of the upright image, along its borders, in those of the sensor
-    right, down = (image[row, column, 1::-1].astype(float) - image[0, 0, 1::-1] for row, column in ((0, -1), (-1, 0)))
-    axes = np.sign([right, down])
-    np.testing.assert_allclose(turned.rays(np.column_stack([u, v]))[:, :2], expected @ axes.T, atol=1e-9)
+    axes = np.sign([on_sensor[0, -1] - on_sensor[0, 0], on_sensor[-1, 0] - on_sensor[0, 0]])
+    pixels = np.indices(image.shape[:2])[::-1].reshape(2, -1).T
+    expected = camera.rays(on_sensor.reshape(-1, 2))[:, :2] @ axes.T
+    np.testing.assert_allclose(turned.rays(pixels)[:, :2], expected, atol=1e-9)
     with pytest.raises(CameraError, match="with a pose is not turned"):
         DASHCAM.turned(orientation)
 

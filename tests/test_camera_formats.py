@@ -90,9 +90,8 @@ cam0:
 
 @pytest.mark.parametrize(("lens", "fisheye"), [("radtan", False), ("equidistant", True)])
 def test_a_camchain_of_kalibr_is_read(tmp_path, lens, fisheye):
-    path = tmp_path / "camchain.yaml"
-    path.write_text(CAMCHAIN.format(camera="pinhole", lens=lens))
-    camera = load_camera(path)
+    (tmp_path / "camchain.yaml").write_text(CAMCHAIN.format(camera="pinhole", lens=lens))
+    camera = load_camera(tmp_path / "camchain.yaml")
     assert camera.size == (1280, 800) and camera.is_fisheye == fisheye
     np.testing.assert_array_equal(camera.matrix, LENS.matrix)
     np.testing.assert_array_equal(camera.distortion[:4], [0.02, -0.01, 0.003, -0.001])
@@ -120,6 +119,9 @@ def test_what_cannot_be_read_is_named(tmp_path, capsys, text, named):
     [
         ("none", [], [0] * 5),
         ("", [], [0] * 5),
+        (None, [0.1, 0.02, 0.003, 0.004], [0.1, 0.02, 0.003, 0.004, 0]),
+        (None, [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02], [0.1, 0.02, 0, 0, 0.01, 0.3, 0.1, 0.02]),
+        ("plumb_bob", [0.1, 0.02, 0.003, 0.004, 0.005, 0, 0, 0], [0.1, 0.02, 0.003, 0.004, 0.005]),
         ("radtan", [-0.3, 0.1, 0.001, 0.002], [-0.3, 0.1, 0.001, 0.002, 0]),
         ("fisheye", [0.02, -0.01, 0.003, -0.001], [0.02, -0.01, 0.003, -0.001]),
         ("plumb_bob", [0.3, 0.1, 0.001, 0.002, 0.01, 0.6, 0.2, 0.03], [0.3, 0.1, 0.001, 0.002, 0.01, 0.6, 0.2, 0.03]),
@@ -152,14 +154,13 @@ def test_a_skew_is_that_of_the_projection():
 
 
 def test_offset_and_source_of_the_lens_stay_in_the_file(tmp_path):
+    path = tmp_path / "camera.yaml"
     camera = replace(Camera.from_fov((640, 360), 60), offset_m=-0.65, car_width_m=2.5)
-    loaded = load_camera(save_camera(camera, tmp_path / "camera.yaml"))
+    loaded = load_camera(save_camera(camera, path))
     assert (loaded.offset_m, loaded.car_width_m) == (-0.65, 2.5) and not loaded.calibrated
-    plain = load_camera(save_camera(LENS, tmp_path / "camera.yaml"))
-    assert plain.offset_m == 0 and plain.calibrated and "offset" not in (tmp_path / "camera.yaml").read_text()
-    (tmp_path / "far.yaml").write_text((tmp_path / "camera.yaml").read_text() + "camera_offset_m: 65\n")
-    with pytest.raises(CameraError, match="65 m beside"):
-        load_camera(tmp_path / "far.yaml")
-    (tmp_path / "wide.yaml").write_text((tmp_path / "camera.yaml").read_text() + "car_width_m: 9\n")
-    with pytest.raises(CameraError, match="9 m wide is not plausible"):
-        load_camera(tmp_path / "wide.yaml")
+    plain = load_camera(save_camera(LENS, path))
+    assert plain.offset_m == 0 and plain.calibrated and "offset" not in path.read_text()
+    for entry, named in (("camera_offset_m: 65", "65 m beside"), ("car_width_m: 9", "9 m wide is not plausible")):
+        path.write_text(f"{save_camera(LENS, path).read_text()}{entry}\n")
+        with pytest.raises(CameraError, match=named):
+            load_camera(path)

@@ -50,18 +50,19 @@ def straight() -> list[np.ndarray]:
     return drive(CAMERA)
 
 
-def assert_near(estimate, pose, *, pitch_deg, yaw_deg, roll_deg, height_m):
-    found = estimate.pose
-    assert np.degrees(found.pitch_rad) == pytest.approx(np.degrees(pose.pitch_rad), abs=pitch_deg)
-    assert np.degrees(found.yaw_rad) == pytest.approx(np.degrees(pose.yaw_rad), abs=yaw_deg)
-    assert np.degrees(found.roll_rad) == pytest.approx(np.degrees(pose.roll_rad), abs=roll_deg)
-    assert found.height_m == pytest.approx(pose.height_m, abs=height_m)
+def assert_near(estimate, pose, pitch_deg, yaw_deg, roll_deg, height_m):
+    """The estimated pose differs from the true one by no more than these numbers."""
+    largest = {"pitch_rad": pitch_deg, "yaw_rad": yaw_deg, "roll_rad": roll_deg}
+    for name, degrees in largest.items():
+        found, true = (getattr(p, name) for p in (estimate.pose, pose))
+        assert np.degrees(found) == pytest.approx(np.degrees(true), abs=degrees), name
+    assert estimate.pose.height_m == pytest.approx(pose.height_m, abs=height_m)
 
 
-def posed(**changes: float) -> Camera:
-    """The camera with other numbers of its pose, angles in degrees."""
-    radians = {name: value if name == "height_m" else np.radians(value) for name, value in changes.items()}
-    return CAMERA.with_pose(replace(TRUE_POSE, **radians))
+def posed(**changes_deg: float) -> Camera:
+    """The camera with other numbers of its pose."""
+    height_m = changes_deg.pop("height_m", TRUE_POSE.height_m)
+    return CAMERA.with_pose(replace(TRUE_POSE, height_m=height_m, **{n: np.radians(x) for n, x in changes_deg.items()}))
 
 
 WIDE = Camera.from_fov((1920, 1080), 75, CameraPose(1.2, np.radians(-1.5), np.radians(1.2), np.radians(-0.5)))
@@ -82,10 +83,9 @@ DRIVES = {
 class TestDrive:
     @pytest.mark.parametrize("name", DRIVES)
     def test_the_pose_of_drives_with_many_cameras(self, name):
-        camera, curvatures_per_m, (pitch_deg, yaw_deg, roll_deg, height_m) = DRIVES[name]
+        camera, curvatures_per_m, near = DRIVES[name]
         estimate = estimate_pose(drive(camera, curvatures_per_m), camera)
-        near = dict(pitch_deg=pitch_deg, yaw_deg=yaw_deg, roll_deg=roll_deg, height_m=height_m)
-        assert_near(estimate, camera.pose, **near)
+        assert_near(estimate, camera.pose, *near)
         # a cart's height is rare: six images may leave it doubtful; two do not show the roll surely
         assert estimate.state == ESTIMATED or name in ("cart", "bent lens")
         assert estimate.frames_used == estimate.frames_total == len(curvatures_per_m) and estimate.still is None
@@ -175,45 +175,47 @@ class TestSources:
         assert estimate_pose(straight[:2], CAMERA).describe() == first.describe()
 
 
-class TestNoLanes:
-    """The pose is then that of the edges and of the usual camera, and the notes say why."""
-
-    @pytest.mark.slow
-    @pytest.mark.parametrize(
-        "image",
-        [paint_motorway(CAMERA, lines=()), np.zeros((720, 1280, 3), np.uint8)],
-        ids=["unmarked", "black"],
-    )
-    def test_images_without_lanes(self, image):
-        estimate = estimate_pose([image] * 3, CAMERA)
-        assert estimate.lane_width_m is None and estimate.height_std_m > 0.2
-        assert estimate.notes[0].startswith("only 0 of 3 pictures show a likely lane")
-
-    @pytest.mark.slow
-    def test_edges_far_from_ahead_are_not_believed_without_lanes(self):
-        """The spread then is that of any camera, and covers the truth."""
-        camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5, *np.radians([-8.0, -10.0])))
-        estimate = estimate_pose([paint_street(camera)] * 2, camera)
-        assert estimate.state == ASSUMED and "0 of 2 used, the pose is assumed" in estimate.describe()
-        assert np.degrees([estimate.pitch_std_rad, estimate.yaw_std_rad]) == pytest.approx([6, 10])
-        assert estimate.pose.pitch_rad == estimate.pose.yaw_rad == 0
+# Without lanes the pose is that of the edges and of the usual camera, and the notes say why.
 
 
-class TestRefused:
-    def test_bad_input_is_named(self):
-        empty = np.zeros((720, 1280, 3), np.uint8)
-        with pytest.raises(PoseError, match="no picture was given"):
-            estimate_pose([], CAMERA)
-        with pytest.raises(PictureError, match="picture 2: is 640x360"):
-            estimate_pose([empty, empty[:360, :640]], CAMERA)
-        with pytest.raises(PoseError, match="lane 12 m wide"):
-            estimate_pose(empty, CAMERA, lane_width_m=12)
-        with pytest.raises(PoseError, match="camera 0.1 m above"):
-            estimate_pose(empty, CAMERA, height_m=0.1)
-        with pytest.raises(PoseError, match="32x18 pixels are too small"):
-            estimate_pose(empty[:18, :32], CAMERA.scaled((32, 18)))
-        with pytest.raises(FileNotFoundError, match="there is no such file"):
-            estimate_pose("nothing.mp4", CAMERA)
+@pytest.mark.slow
+@pytest.mark.parametrize("lines", [(), None], ids=["unmarked", "black"])
+def test_images_without_lanes(lines):
+    image = np.zeros((720, 1280, 3), np.uint8) if lines is None else paint_motorway(CAMERA, lines=lines)
+    estimate = estimate_pose([image] * 3, CAMERA)
+    assert estimate.lane_width_m is None and estimate.height_std_m > 0.2
+    assert estimate.notes[0].startswith("only 0 of 3 pictures show a likely lane")
+
+
+@pytest.mark.slow
+def test_edges_far_from_ahead_are_not_believed_without_lanes():
+    """The spread then is that of any camera, and covers the truth."""
+    camera = Camera.from_fov((1280, 720), 62, CameraPose(1.5, *np.radians([-8.0, -10.0])))
+    estimate = estimate_pose([paint_street(camera)] * 2, camera)
+    assert estimate.state == ASSUMED and "0 of 2 used, the pose is assumed" in estimate.describe()
+    assert np.degrees([estimate.pitch_std_rad, estimate.yaw_std_rad]) == pytest.approx([6, 10])
+    assert estimate.pose.pitch_rad == estimate.pose.yaw_rad == 0
+
+
+REFUSED = {
+    "no picture was given": (PoseError, [], {}),
+    "picture 2: is 640x360": (
+        PictureError,
+        [np.zeros((720, 1280, 3), np.uint8), np.zeros((360, 640, 3), np.uint8)],
+        {},
+    ),
+    "lane 12 m wide": (PoseError, [], {"lane_width_m": 12}),
+    "camera 0.1 m above": (PoseError, [], {"height_m": 0.1}),
+    "32x18 pixels are too small": (PoseError, np.zeros((18, 32, 3), np.uint8), {"camera": CAMERA.scaled((32, 18))}),
+    "there is no such file": (FileNotFoundError, "nothing.mp4", {}),
+}
+
+
+@pytest.mark.parametrize("named", REFUSED)
+def test_bad_input_is_named(named):
+    error, source, options = REFUSED[named]
+    with pytest.raises(error, match=named):
+        estimate_pose(source, **{"camera": CAMERA, **options})
 
 
 def test_description_words_the_signs_and_gives_standard_deviations():

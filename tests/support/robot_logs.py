@@ -13,7 +13,7 @@ import numpy as np
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from lanes.camera import DISTORTION_MODELS, Camera
+from lanes.camera import Camera
 
 BEGIN_NS = 1_700_000_000_250_000_000
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
@@ -57,7 +57,7 @@ def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **c
         "header": make_header(stamp_ns, types),
         "height": camera.height,
         "width": camera.width,
-        "distortion_model": DISTORTION_MODELS[len(camera.distortion)],
+        "distortion_model": camera.model.name,
         "d": camera.distortion.astype(float),
         "k": camera.matrix.ravel().astype(float),
         "r": np.eye(3).ravel(),
