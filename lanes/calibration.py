@@ -20,7 +20,7 @@ from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
 from lanes.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
+from lanes.video.reader import inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 _MIN_VIEWS = 3
@@ -127,9 +127,9 @@ def _add_still(found: BoardDetections, name: str, path: Path) -> Iterator[int]:
 
 def _add_video(found: BoardDetections, name: str, path: Path) -> Iterator[int]:
     """Add the frames of a video in which the board is seen most differently; yields the progress in images."""
-    count = inspect_video(path).frames
+    info = inspect_video(path)
+    count, orientation = info.frames, info.orientation
     step = max(1, count // _VIDEO_FRAMES)
-    orientation = inspect_turn(path)
     searched = BoardDetections({}, found.pattern, {}, {})
     for frame in read_timed_frames(path):
         if frame.number % step == 0:

@@ -39,8 +39,9 @@ from lanes.report.score_page import write_score_page
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
 from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
+from lanes.video.container import count_missing
 from lanes.video.process import read_frames
-from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 
 class Calibrate:

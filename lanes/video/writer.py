@@ -24,10 +24,9 @@ from lanes.video.container import (
     MAX_FPS,
     MIN_FPS,
     decode_packet,
+    index_video,
     open_video,
     read_packets,
-    start_time,
-    translate_errors,
 )
 from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
@@ -207,8 +206,7 @@ class _SoundTrack:
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
         """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
-        path = self._source.name.removeprefix("file:")
-        zero_s = self._start_s + float(start_time(path))
+        zero_s = self._start_s + float(index_video(self._source.name.removeprefix("file:")).start_s)
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces: Iterator[Any] = read_packets(self._source, sound)
@@ -216,7 +214,7 @@ class _SoundTrack:
             pieces = chain.from_iterable(map(decode_packet, pieces))
         output = self._encoder or self._target.add_stream_from_template(sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, path):
+        for piece in pieces:
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s

@@ -12,7 +12,7 @@ import pytest
 from lanes.errors import VideoError
 from lanes.images import as_stored, make_upright
 from lanes.video.process import process_video
-from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames, read_video
+from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from tests.video.sample_videos import (
     NTSC,
     SIZE,
@@ -154,7 +154,7 @@ def test_a_display_matrix_turns_and_mirrors_as_players_do(tmp_path, orientation)
         right, down = a * x + c * y, b * x + d * y
         at = image[(1 + down) // 2 * -1 or 0, (1 + right) // 2 * -1 or 0]
         np.testing.assert_allclose(at, corners[row * -1, column * -1], atol=12)
-    assert inspect_turn(target) == orientation
+    assert info.orientation == orientation
     assert (as_stored(make_upright(corners, orientation), orientation) == corners).all()
 
 
