@@ -99,9 +99,7 @@ class Pose:
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
-        add_lens(parser)
-        add_scale(parser)
-        add_part(parser)
+        add_drive_options(parser)
         words = "use at most N pictures (default: %(default)s)"
         parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
         add_output(parser, "camera.yaml", "camera file to write")
@@ -158,10 +156,8 @@ class Annotate:
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         words = 'video, still, folder, or pattern such as "drives/*.mp4"'
         parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
-        add_lens(parser, each=True)
-        add_scale(parser)
+        add_drive_options(parser, each=True)
         add_output(parser, "annotated", "output folder")
-        add_part(parser)
         words = (
             "lane: filled lane; lines: the two lines only; inset: with a bird's-eye view; mosaic: with intermediate "
         )
@@ -215,9 +211,7 @@ class Detect:
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
-        add_lens(parser, each=True)
-        add_scale(parser)
-        add_part(parser)
+        add_drive_options(parser, each=True)
         words = "picture rows, TO excluded (default: by the height; of pictures 720 high 420:701:10)"
         parser.add_argument("--rows", type=row_range, metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
@@ -270,9 +264,7 @@ class Explain:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
         words = "time of the frame in a video, as 83.5 or 1:23.5 (default: first frame)"
         parser.add_argument("--at", type=seconds, metavar="TIME", help=words)
-        add_part(parser)
-        add_lens(parser)
-        add_scale(parser)
+        add_drive_options(parser)
         add_output(parser, "explained.png", "figure to write")
 
     @staticmethod
@@ -322,9 +314,7 @@ class Label:
     @staticmethod
     def add_arguments(parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
-        add_lens(parser, each=True)
-        add_scale(parser)
-        add_part(parser)
+        add_drive_options(parser, each=True)
         parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
         parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
         parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
@@ -434,11 +424,23 @@ def command_name(text: str) -> str:
 # Options that several commands share.
 
 
-def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for lens and place of the camera, --topic, --markings, and maybe --each."""
+def add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -> None:
+    """Add the options of `add_lens`, for the scale of a pose, for a part of the videos, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
+    add_lens(parser)
+    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
+    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
+    words = "measured height of the camera, metres, for a pose that is estimated"
+    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
+    words = "start at this time of each video, as 83.5 or 1:23.5"
+    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
+    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
+
+
+def add_lens(parser: argparse._ActionsContainer) -> None:
+    """Add the options for lens and place of the camera, --topic and --markings."""
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
@@ -456,21 +458,6 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
     words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
-
-
-def add_scale(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the scale of a pose that is estimated."""
-    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
-    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
-    words = "measured height of the camera, metres, for a pose that is estimated"
-    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
-
-
-def add_part(parser: argparse.ArgumentParser) -> None:
-    """Add the options for a part of the videos; `read_settings` checks them."""
-    words = "start at this time of each video, as 83.5 or 1:23.5"
-    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
-    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
 
 
 def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
