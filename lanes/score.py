@@ -26,16 +26,16 @@ from lanes.labels import SAME_ROW_PX, LaneColumns
 
 # TuSimple's tolerance of a point, accuracy of a matched line, and size of its pictures. A line with fewer labelled
 # points than the last number has no reliable direction and is not scored.
-TOLERANCE_PX, MATCH_ACCURACY, TUSIMPLE_SIZE, MIN_POINTS = 20.0, 0.85, (1280, 720), 4
+_TOLERANCE_PX, _MATCH_ACCURACY, TUSIMPLE_SIZE, _MIN_POINTS = 20.0, 0.85, (1280, 720), 4
 # The official score of a picture is 0 with more surplus predictions than this. Of more labelled lines than the second,
 # the worst is left out. Missing points are put at the third, so that they are far from all others.
-MAX_SURPLUS, MAX_LABELLED, MISSING_PX = 2, 4, -100.0
+_MAX_SURPLUS, _MAX_LABELLED, _MISSING_PX = 2, 4, -100.0
 # It is 0 also for a prediction that took longer.
-MAX_RUN_TIME_MS = 200.0
+_MAX_RUN_TIME_MS = 200.0
 # The numbers of a picture's score: shares, and lateral errors in metres at these distances.
 SHARES = ("right", "TuSimple", "FP", "FN", "ego accuracy", "ego matched")
 DISTANCES = tuple(f"{x_m:g} m" for x_m in CORRECT_AT_M)
-MAX_WORST = 20
+_MAX_WORST = 20
 Table = Mapping[str, Mapping[str, float]]
 
 
@@ -66,12 +66,12 @@ def score_picture(
     error_px = np.where(columns >= 0, np.abs(columns - true.columns), np.inf)
     correct = labelled & (error_px < _tolerances_px(true, scale))
     points = labelled.sum(axis=1)
-    accuracy = np.where(points >= MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
-    matched = np.where(np.isfinite(accuracy), accuracy >= MATCH_ACCURACY, np.nan)
+    accuracy = np.where(points >= _MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
+    matched = np.where(np.isfinite(accuracy), accuracy >= _MATCH_ACCURACY, np.nan)
     right = bool(np.nanmin(matched)) if np.isfinite(matched).any() else None
     if label.empty:
         right = found.empty or (found.confidence is not None and found.confidence < LIKELY_CONFIDENCE)
-    official = _official_score(label, found.at(label.rows), scale, late=found.run_time_ms > MAX_RUN_TIME_MS)
+    official = _official_score(label, found.at(label.rows), scale, late=found.run_time_ms > _MAX_RUN_TIME_MS)
     lateral_m = lateral_errors_m(true, ego, camera).T if camera else np.full((len(DISTANCES), 2), np.nan)
     numbers = np.nan if right is None else right, *official, accuracy, matched, *lateral_m
     values = {name: np.atleast_1d(some) for name, some in zip(SHARES + DISTANCES, numbers, strict=True)}
@@ -82,15 +82,15 @@ def _official_score(
     label: LaneColumns, predicted: np.ndarray, scale: float, *, late: bool
 ) -> tuple[float, float, float]:
     """TuSimple's accuracy, FP and FN of predicted columns (K, R); `late` if they took too long."""
-    lines, count = len(label.columns), max(min(len(label.columns), MAX_LABELLED), 1)
+    lines, count = len(label.columns), max(min(len(label.columns), _MAX_LABELLED), 1)
     if not len(label.rows):
         return np.nan, np.nan, np.nan
-    if late or len(predicted) > lines + MAX_SURPLUS:
+    if late or len(predicted) > lines + _MAX_SURPLUS:
         return 0.0, 0.0, 1.0
-    found, true = (np.where(columns >= 0, columns, MISSING_PX) for columns in (predicted, label.columns))
+    found, true = (np.where(columns >= 0, columns, _MISSING_PX) for columns in (predicted, label.columns))
     correct = np.abs(found - true[:, None]) < _tolerances_px(label, scale)[:, None]
     best = correct.mean(axis=2).max(axis=1, initial=0.0)
-    matched, left_out = int((best >= MATCH_ACCURACY).sum()), lines > MAX_LABELLED
+    matched, left_out = int((best >= _MATCH_ACCURACY).sum()), lines > _MAX_LABELLED
     false = (len(predicted) - matched) / max(len(predicted), 1)
     missed = lines - matched - (left_out and lines > matched)
     return float(best.sum() - left_out * best.min(initial=1.0)) / count, false, missed / count
@@ -100,7 +100,7 @@ def _tolerances_px(label: LaneColumns, scale: float) -> np.ndarray:
     """Tolerance (K, 1) of each line's points: by the angle, from the vertical, of the straight line through them."""
     known = [(label.rows[line >= 0], line[line >= 0]) for line in label.columns]
     slopes = [np.polyfit(*points, 1)[0] if len(points[0]) > 1 else 0.0 for points in known]
-    return TOLERANCE_PX * scale * np.hypot(1, slopes)[:, None]
+    return _TOLERANCE_PX * scale * np.hypot(1, slopes)[:, None]
 
 
 def lateral_errors_m(true: LaneColumns, ego: LaneColumns, camera: Camera, x_m: np.ndarray = CORRECT_AT_M) -> np.ndarray:
@@ -155,7 +155,7 @@ def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
     # a picture without a labelled lane has no accuracy; those with nothing to compare come last
     key = {name: (row["right"], np.nan_to_num(row["ego accuracy"], nan=row["right"])) for name, row in rows.items()}
     worst = sorted(rows, key=lambda name: np.nan_to_num(key[name], nan=2.0).tolist())
-    return tables | {"worst stills": {name: rows[name] for name in worst[:MAX_WORST]}}
+    return tables | {"worst stills": {name: rows[name] for name in worst[:_MAX_WORST]}}
 
 
 def describe_predictions(
@@ -173,10 +173,10 @@ def describe_predictions(
         lacking += [picture] if beyond else []
         between = np.abs(labelled[:, None] - found.rows).min(axis=1, initial=np.inf) > SAME_ROW_PX
         other += [picture] if between.sum() > len(beyond) else []
-        late += [picture] if found.run_time_ms > MAX_RUN_TIME_MS else []
-    rows = ", ".join(f"{row:g}" for row in sorted(lacked)[:MAX_WORST]) + (", ..." if len(lacked) > MAX_WORST else "")
+        late += [picture] if found.run_time_ms > _MAX_RUN_TIME_MS else []
+    rows = ", ".join(f"{row:g}" for row in sorted(lacked)[:_MAX_WORST]) + (", ..." if len(lacked) > _MAX_WORST else "")
     return [
         ("predictions are at other rows than the labels, and interpolated", other),
         (f"predictions end before labelled rows, which count as missing (rows {rows})", lacking),
-        (f"predictions took more than {MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
+        (f"predictions took more than {_MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
     ]

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera, CameraPose, save_camera
+from lanes.files import write_json_lines
 from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
 from lanes.score import DISTANCES, PictureScore, reliability, score_picture, summarize
@@ -103,8 +104,7 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
         entries["labels"].append({"raw_file": f"{number}.jpg", "lanes": lanes, "h_samples": rows})
         run_time = float(rng.choice([10, 200, 200.1]))
         entries["found"].append({"raw_file": f"{number}.jpg", "lanes": found, "run_time": run_time})
-    for name, lines in entries.items():
-        (tmp_path / f"{name}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    write_lines(tmp_path, **entries)
     labels = read_labels(tmp_path / "labels.jsonl")
     pairs = zip(labels, read_predictions(tmp_path / "found.jsonl", labels), strict=True)
     row = summarize([score_picture(*pair) for pair in pairs])
@@ -116,6 +116,11 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
+
+
+def write_lines(folder: Path, labels: list[dict], found: list[dict]) -> None:
+    write_json_lines(folder / "labels.jsonl", labels)
+    write_json_lines(folder / "found.jsonl", found)
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
@@ -230,8 +235,7 @@ def folder(tmp_path) -> Path:
         labels[0] | {"lanes": road_lines(5.0, -1.7, 1.9).columns.tolist(), "confidence": 0.9},
         labels[2] | {"lanes": good.columns.tolist(), "confidence": 0.8},
     ]
-    for name, entries in (("labels", labels), ("found", found)):
-        (tmp_path / f"{name}.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    write_lines(tmp_path, labels, found)
     for name in ("a/1.jpg", HOSTILE):
         write_image(tmp_path / name, np.full((720, 1280, 3), 90, np.uint8))
     save_camera(CAMERA, tmp_path / "camera.yaml")
@@ -299,8 +303,7 @@ def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, capsys, labelled, 
     good, name = road_lines(1.8, -1.8), "Fahrt nach Köln/서울 é.png"
     write_image(tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8))
     entry = {"h_samples": good.rows.tolist(), "lanes": good.columns.tolist()}
-    for file, form in (("labels", labelled), ("found", predicted)):
-        (tmp_path / f"{file}.jsonl").write_text(json.dumps({"raw_file": normalize(form, name)} | entry) + "\n")
+    write_lines(tmp_path, *([{"raw_file": normalize(form, name)} | entry] for form in (labelled, predicted)))
     assert score(tmp_path, "-o", tmp_path / "page.html") == 0
     said = capsys.readouterr().out
     assert rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"] and "note:" not in said
@@ -324,9 +327,10 @@ def bend_at(rows: np.ndarray) -> list[list[float]]:
     ],
 )
 def test_other_rows_are_interpolated_or_named(tmp_path, capsys, labelled, predicted, accuracy, notes):
-    for file, rows in (("labels", labelled), ("found", predicted)):
-        entry = {"raw_file": "a.png", "h_samples": rows.tolist(), "lanes": bend_at(rows)}
-        (tmp_path / f"{file}.jsonl").write_text(json.dumps(entry) + "\n")
+    entries = [
+        {"raw_file": "a.png", "h_samples": rows.tolist(), "lanes": bend_at(rows)} for rows in (labelled, predicted)
+    ]
+    write_lines(tmp_path, *([entry] for entry in entries))
     assert score(tmp_path, "-o", tmp_path / "page.html") == 0
     said = capsys.readouterr().out
     assert rows_of(said, "scores")["all"][5] == accuracy

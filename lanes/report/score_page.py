@@ -15,7 +15,7 @@ from lanes.report.page import fill_page
 from lanes.score import PictureScore, Table
 
 # Largest size of the stills in the page, and their JPEG quality: about 100 kB each.
-MAX_SIZE_PX, JPEG_QUALITY = (960, 960), 80
+_MAX_SIZE_PX, _JPEG_QUALITY = (960, 960), 80
 
 
 def write_score_page(
@@ -36,8 +36,8 @@ def _still(score: PictureScore, picture: Path) -> dict:
     jpeg = BytesIO()
     if picture.is_file():
         image = Image.fromarray(read_image(picture))
-        image.thumbnail(MAX_SIZE_PX)
-        image.save(jpeg, "JPEG", quality=JPEG_QUALITY)
+        image.thumbnail(_MAX_SIZE_PX)
+        image.save(jpeg, "JPEG", quality=_JPEG_QUALITY)
     lanes = [(lane.rows, lane.columns, lane.ego_lane(score.size).columns) for lane in (score.label, score.prediction)]
     return {
         "name": score.label.name,

@@ -20,7 +20,7 @@ from lanes.images import MAX_PIXELS, is_transposed, upright_axes
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
-FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
+_FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
 # Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of presentation times are wrong for
 # reordered frames and at gaps; players show a frame at the place of the packet that completes it.
 _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
@@ -95,11 +95,11 @@ class VideoIndex:
 def open_video(path: str | Path) -> InputContainer:
     """Open a video file; FFmpeg cannot open any other file or address named in it.
 
-    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
+    Raises FileNotFoundError, or VideoError if it is not a video of one of `_FORMATS` or claims more than `MAX_PIXELS`.
     """
     path = require_file(path, "video", error=VideoError)
     # FFmpeg decodes the first frames while it opens a file: the limit applies to these, and below to all others.
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
+    options = {"protocol_whitelist": "file", "format_whitelist": _FORMATS, "max_pixels": str(MAX_PIXELS)}
     try:
         # Without the prefix a name such as "concat:a.mp4" would select a protocol.
         container = av.open(f"file:{path}", options=options)

@@ -286,7 +286,7 @@ def _parse_protobuf(data: bytes, fields: dict[int, tuple[str, type]]) -> SimpleN
 # Types of messages with an image each, and others of videos.
 _IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
 _OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
-PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
+_PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
 # Encodings of messages that are read.
 _READ = ("cdr", "ros1", "protobuf", "json")
 # A stamp is an outlier if it is farther than this from the median of those of five images.
@@ -458,7 +458,7 @@ def _usual_rate(steps_s: np.ndarray) -> float:
 
 def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> str:
     known = [t for t in topics.values() if t.count]
-    images = sorted(t.name for t in known if t.kind in _IMAGE_KINDS and t.package in PACKAGES and t.encoding in _READ)
+    images = sorted(t.name for t in known if t.kind in _IMAGE_KINDS and t.package in _PACKAGES and t.encoding in _READ)
     if topic in images or (topic is None and len({name.removesuffix("/compressed") for name in images}) == 1):
         return topic or images[0]  # raw images come before their compressed copies
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"

@@ -33,7 +33,7 @@ from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 # Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
 _COPIED_CODECS, _SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
 # x264's default for constant quality.
-CRF = 23
+_CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 _ENCODER_THREADS = 4
@@ -238,7 +238,7 @@ def open_mp4(
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(CRF)})
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(_CRF)})
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
