@@ -180,7 +180,7 @@ def test_without_usable_stamps_the_times_are_those_of_the_recording(tmp_path, st
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(6) / 5)
 
 
-@pytest.mark.parametrize("encoding", ["rgb8", "bgra8", "mono8", ".png"])
+@pytest.mark.parametrize("encoding", ["rgb8", "bgr8", "bgra8", "mono8", ".png"])
 def test_the_encodings_give_the_same_images(tmp_path, encoding):
     rng = np.random.default_rng(0)
     images = [rng.integers(0, 256, (9, 7, 3)).astype(np.uint8) for _ in range(2)]

@@ -108,10 +108,14 @@ def open_video(path: str | Path) -> InputContainer:
             f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
             "again, or convert it to mp4."
         ) from error
-    if fault := _describe_fault(container):
+    streams = container.streams
+    if not streams.video or streams.video[0].codec_context is None:
+        kinds = " and ".join(sorted({stream.type for stream in streams})) or "none"
+        without = f"holds no frame of a video (its streams: {kinds}); name a video file."
+        fault = _NOT_DECODED if streams.video else without
         container.close()
         raise VideoError(f"{path}: {fault}")
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+    streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
     return container
 
 
@@ -277,14 +281,6 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
     return round(cut_off_s * rate) if cut_off_s > _CUT_OFF_S else 0
-
-
-def _describe_fault(container: InputContainer) -> str:
-    """What is wrong with a file without a video stream or a decoder for it; else empty."""
-    if not container.streams.video:
-        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
-        return f"holds no frame of a video (its streams: {kinds}); name a video file."
-    return _NOT_DECODED if container.streams.video[0].codec_context is None else ""
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:
