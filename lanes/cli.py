@@ -36,7 +36,7 @@ from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.report.score_page import write_score_page
-from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
+from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables
 from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.container import count_missing
@@ -344,7 +344,7 @@ class Score:
         read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
         assumed = camera.size if camera else TUSIMPLE_SIZE
         sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
-        scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
+        scores = [score_still(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
         missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
         gone = [picture for picture in pictures if not picture.is_file()]
         tables = score_tables(scores)

@@ -14,7 +14,7 @@ from lanes.camera import Camera, CameraPose, save_camera
 from lanes.files import write_json_lines
 from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
-from lanes.score import DISTANCES, PictureScore, reliability, score_picture, summarize
+from lanes.score import DISTANCES, StillScore, reliability, score_still, summarize
 from tests.support.command_line import main
 from tests.support.project import names
 
@@ -42,7 +42,7 @@ def slanted(slope: float) -> np.ndarray:
 
 
 def accuracies(label: LaneColumns, found: LaneColumns | None, width_px: int = 1280) -> list[float]:
-    return score_picture(label, found, SIZES[width_px]).values["ego accuracy"].tolist()
+    return score_still(label, found, SIZES[width_px]).values["ego accuracy"].tolist()
 
 
 def without(rows: slice, column: float = 300.0) -> np.ndarray:
@@ -83,12 +83,12 @@ def test_accuracy_of_an_ego_line(name):
 def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_where_none_is():
     label = lane(upright(), upright(900))
     for missing, right in ((3, True), (4, False)):  # of 20
-        assert score_picture(label, lane(upright(), without(np.s_[:missing], 900))).right is right
-    assert score_picture(lane(without(np.s_[:17])), lane(upright())).right is None
+        assert score_still(label, lane(upright(), without(np.s_[:missing], 900))).right is right
+    assert score_still(lane(without(np.s_[:17])), lane(upright())).right is None
     for none in (lines(), lines(NOTHING, NOTHING)):
         for confidence, right in {None: False, 0.49: True, 0.5: False, 0.9: False}.items():
-            assert score_picture(none, lines(upright(), upright(900), confidence=confidence)).right is right
-        assert score_picture(none, None).right and score_picture(none, lines(NOTHING, confidence=0.9)).right
+            assert score_still(none, lines(upright(), upright(900), confidence=confidence)).right is right
+        assert score_still(none, None).right and score_still(none, lines(NOTHING, confidence=0.9)).right
 
 
 def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
@@ -107,7 +107,7 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
     write_lines(tmp_path, **entries)
     labels = read_labels(tmp_path / "labels.jsonl")
     pairs = zip(labels, read_predictions(tmp_path / "found.jsonl", labels), strict=True)
-    row = summarize([score_picture(*pair) for pair in pairs])
+    row = summarize([score_still(*pair) for pair in pairs])
     wanted = np.mean([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)], 0)
     assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(wanted, abs=1e-9)
     assert min(tusimple_bench(*pair)[1] for pair in zip(entries["labels"], entries["found"], strict=True)) < 0
@@ -183,15 +183,15 @@ def road_lines(*lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_
     ids=["positive left", "a straight road", "one line", "between the ends", "none"],
 )
 def test_lateral_errors_at_each_distance(found, errors):
-    values = score_picture(road_lines(1.8, -1.8), found, CAMERA.size, CAMERA).values
+    values = score_still(road_lines(1.8, -1.8), found, CAMERA.size, CAMERA).values
     np.testing.assert_allclose(np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03)
 
 
 def test_summaries_are_over_lines_and_over_pictures():
     scores = [
-        score_picture(lane(upright(), upright(900)), lane(upright(), upright(900))),
-        score_picture(lane(upright()), lane(without(np.s_[:10]))),
-        score_picture(lines(), lines(upright(), confidence=0.9)),
+        score_still(lane(upright(), upright(900)), lane(upright(), upright(900))),
+        score_still(lane(upright()), lane(without(np.s_[:10]))),
+        score_still(lines(), lines(upright(), confidence=0.9)),
     ]
     row = summarize(scores)
     assert (row["stills"], row["right"]) == (3, pytest.approx(1 / 3))
@@ -200,16 +200,16 @@ def test_summaries_are_over_lines_and_over_pictures():
     assert (row["TuSimple"], row["FN"]) == (pytest.approx((1 + 0.75 + 0) / 3), pytest.approx(0.5 / 3))
 
 
-def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> PictureScore:
+def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> StillScore:
     label = lines(upright(), upright(900)) if labelled else lines()
-    return score_picture(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
+    return score_still(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
 
 
 def test_confidence_is_compared_with_the_share_of_right_lanes():
     pairs = [(0.95, True), (0.9, True), (0.99, False), (0.7, True), (0.5, False), (0.2, True), (None, True)]
     scores = [stated(*pair) for pair in pairs]
     # an unlikely lane where none is labelled is no fault, but it is no right lane either
-    scores += [stated(0.3, True, labelled=False), score_picture(lines(upright(), upright(900)), lines(confidence=0.0))]
+    scores += [stated(0.3, True, labelled=False), score_still(lines(upright(), upright(900)), lines(confidence=0.0))]
     table = reliability(scores)
     assert {name: (row["lanes"], row["right"]) for name, row in table.items()} == {
         "0.9 or more": (3, 2),
