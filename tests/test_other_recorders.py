@@ -56,16 +56,17 @@ def recorders():
     return pytest.importorskip("tests.support.recorders", reason="mcap and protobuf are not installed")
 
 
-def ros_topic(recorders, kind: str, *, ros1: bool = False) -> tuple:
+def ros_topic(kind: str, *, ros1: bool = False) -> tuple:
     made = stamp_images(TINY, STAMPS, ".png", (logs.ROS1 if ros1 else logs.ROS2).types)
-    data = [(stamp, recorders.serialize_ros(message, ros1=ros1)) for stamp, message in made]
+    serialize = logs.ROS1.serialize_ros1 if ros1 else logs.ROS2.serialize_cdr
+    data = [(stamp, bytes(serialize(message, message.__msgtype__))) for stamp, message in made]
     return kind, "ros1msg" if ros1 else "ros2msg", "ros1" if ros1 else "cdr", data
 
 
 def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
     messages = []
     for number, (image, stamp) in enumerate(zip(TINY, STAMPS, strict=True)):
-        fields = {"data": recorders.jpeg(image), "format": "jpeg"}
+        fields = {"data": cv2.imencode(".jpg", image)[1].tobytes(), "format": "jpeg"}
         if name.endswith("RawImage"):
             fields = {"width": 12, "height": 8, "encoding": "rgb8", "step": 36, "data": image.tobytes()}
         recorded = stamp + 30_000_000 + 7_000_000 * (number % 2)
@@ -76,7 +77,7 @@ def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
 @pytest.mark.parametrize("profile", ["", "ros1", "x-my-robot"])
 def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(tmp_path, recorders, profile):
     kind = f"sensor_msgs/{'msg/' if profile else ''}CompressedImage"
-    topic = ros_topic(recorders, kind, ros1=profile == "ros1")
+    topic = ros_topic(kind, ros1=profile == "ros1")
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/camera": topic}, profile=profile)
     assert inspect_video(path).frames == 6 and shades(path) == SHADES
     assert shades(path, start_s=0.25) == [60, 80, 100]
@@ -140,7 +141,7 @@ def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, code
     [("NONE", {"use_chunking": False}), ("LZ4", {"use_statistics": False, "chunk_size": 99})],
 )
 def test_mcap_files_of_every_layout(tmp_path, recorders, compression, options):
-    topics = {"/camera": ros_topic(recorders, "sensor_msgs/msg/CompressedImage")}
+    topics = {"/camera": ros_topic("sensor_msgs/msg/CompressedImage")}
     topics["/chatter"] = ("std_msgs/msg/String", "ros2msg", "cdr", [(stamp, b"\0\1\0\0") for stamp in STAMPS])
     path = recorders.write_mcap(tmp_path / "drive.mcap", topics, compression=compression, **options)
     assert shades(path) == SHADES and shades(path, start_s=0.25) == [60, 80, 100]
