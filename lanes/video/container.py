@@ -198,8 +198,10 @@ def _index_video(path: str, *version: int) -> VideoIndex:
         constant = stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < _SAME_RATE
         length_s, gaps = _measure_stamps([pts for pts, _ in shown], rate, stream.time_base, constant)
         orientation = frame_orientation(first)
+        width, height = square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
         info = VideoInfo(
-            *square_size(first, stream)[:: -1 if is_transposed(orientation) else 1],
+            width=width,
+            height=height,
             fps=float(rate),
             frames=len(shown),
             duration_s=round(length_s, 6),
