@@ -166,18 +166,19 @@ def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Itera
             raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
 
 
-def index_video(path: str | Path) -> VideoIndex:
-    """The index of a video; the whole file is read, once for calls in a row, and one frame is decoded.
+def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
+    """The index of a video, made once for calls in a row; one frame is decoded.
 
-    A file that was cut off has its frames up to there. Raises FileNotFoundError, or VideoError if the file is empty,
-    not a video, without frames, or without a usable frame rate.
+    If not the `whole` file is needed, it is read up to the first frame, unless its rate includes jumps in time: `info`
+    and `stamps` are those of the packets up to there. A file that was cut off has its frames up to there. Raises
+    FileNotFoundError, or VideoError if the file is empty, not a video, without frames, or without a usable frame rate.
     """
     file = require_file(path, "video", error=VideoError).stat()
-    return _index_video(str(path), file.st_mtime_ns, file.st_size)
+    return _index_video(str(path), whole, file.st_mtime_ns, file.st_size)
 
 
 @lru_cache(maxsize=16)
-def _index_video(path: str, *version: int) -> VideoIndex:
+def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
     with open_video(path) as container:
         stream, stored, end_s, early, first = container.streams.video[0], 0, 0.0, 0, None
         shown: list[tuple[int | None, int | None]] = []  # time stamps of presentation and of decoding
@@ -191,6 +192,8 @@ def _index_video(path: str, *version: int) -> VideoIndex:
                     shown.append((packet.pts, packet.dts))
                 if first is None:
                     early, first = len(shown), next(decode_packet(packet), None)
+                if first is not None and not whole and not _has_jumps(stream):
+                    break
         if first is None:
             raise VideoError(f"{path}: {_NOT_DECODED}")
         stamps = np.sort([pts for pts, _ in shown if pts is not None])
@@ -232,12 +235,18 @@ def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
     return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
 
 
+def _has_jumps(stream: av.VideoStream) -> bool:
+    """Whether the average rate of a stream is so low that it may include jumps in time."""
+    rate = stream.average_rate or stream.guessed_rate or MIN_FPS
+    return rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate)
+
+
 def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
     """Frames per second, without jumps in time; raises VideoError if there is no frame rate, or one not usable."""
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate):
+    if _has_jumps(stream):
         steps = np.diff(stamps)
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():

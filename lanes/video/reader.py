@@ -109,7 +109,7 @@ def read_timed_frames(
 
 
 def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
-    index, last = index_video(path), None
+    index, last = index_video(path, whole=False), None
     converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
     with closing(_frames_from(path, index, start_s)) as frames:
         for frame, time_s, stream in frames:
@@ -121,7 +121,7 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
             if last is None:
                 size = square_size(frame, stream)
                 if not index.constant_rate and start_s > 0 and frame.pts is not None:
-                    number = int(np.searchsorted(index.stamps, frame.pts))
+                    number = int(np.searchsorted(index_video(path).stamps, frame.pts))
             else:
                 number = max(last.number + 1, number if index.constant_rate else 0)
             elapsed_s = None if last is None else float(time_s) - last.time_s

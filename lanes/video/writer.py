@@ -206,7 +206,8 @@ class _SoundTrack:
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
         """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
-        zero_s = self._start_s + float(index_video(self._source.name.removeprefix("file:")).start_s)
+        index = index_video(self._source.name.removeprefix("file:"), whole=False)
+        zero_s = self._start_s + float(index.start_s)
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces: Iterator[Any] = read_packets(self._source, sound)
