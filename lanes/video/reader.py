@@ -70,15 +70,6 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     return VideoInfo(*log.size, log.fps, count, length_s, False, missing, topic=log.topic, note=log.note)
 
 
-def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
-    log, until_s, last_s = index_log(path, topic), math.inf if end_s is None else end_s, None
-    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
-    for index, image in read_log(path, log, first, end):
-        number, time_s = log.numbers[index].item(), log.times_s[index].item()
-        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
-        last_s = time_s
-
-
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
     """Yield the RGB images (height, width, 3), uint8, of `read_timed_frames`; parameters and exceptions as there."""
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
@@ -99,17 +90,27 @@ def read_timed_frames(
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
-    frame = None
-    frames = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
-    for frame in frames:
-        yield frame
-    if frame is None:
+    last_s = None
+    read = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
+    for number, time_s, image in read:
+        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+        last_s = time_s
+    if last_s is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
         raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
-def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
-    index, last = index_video(path, whole=False), None
+def _read_log(
+    path: str | Path, start_s: float, end_s: float | None, topic: str | None
+) -> Iterator[tuple[int, float, np.ndarray]]:
+    log, until_s = index_log(path, topic), math.inf if end_s is None else end_s
+    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
+    for index, image in read_log(path, log, first, end):
+        yield log.numbers[index].item(), log.times_s[index].item(), image
+
+
+def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[tuple[int, float, np.ndarray]]:
+    index, number = index_video(path, whole=False), None
     converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
     with closing(_frames_from(path, index, start_s)) as frames:
         for frame, time_s, stream in frames:
@@ -117,16 +118,14 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            number = round(time_s * index.rate)
-            if last is None:
-                size = square_size(frame, stream)
+            place = round(time_s * index.rate)
+            if number is not None:
+                number = max(number + 1, place if index.constant_rate else 0)
+            else:
+                number, size = place, square_size(frame, stream)
                 if not index.constant_rate and start_s > 0 and frame.pts is not None:
                     number = int(np.searchsorted(index_video(path).stamps, frame.pts))
-            else:
-                number = max(last.number + 1, number if index.constant_rate else 0)
-            elapsed_s = None if last is None else float(time_s) - last.time_s
-            last = TimedFrame(number, float(time_s), _upright_rgb(frame, size, converter, path), elapsed_s)
-            yield last
+            yield number, float(time_s), _upright_rgb(frame, size, converter, path)
 
 
 def _frames_from(
