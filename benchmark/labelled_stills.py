@@ -19,7 +19,7 @@ from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.images import read_image
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import PoseEstimate, detect_in_drive, ensure_pose
-from lanes.score import PictureScore, lateral_errors_m, reliability, score_picture, summarize
+from lanes.score import StillScore, lateral_errors_m, reliability, score_still, summarize
 
 # Distances at which lines are compared.
 COMPARED_AT_M = np.array([8.0, 15.0, 25.0])
@@ -42,7 +42,7 @@ class ScoredLane:
     left out.
     """
 
-    score: PictureScore
+    score: StillScore
     lane: Lane | None
     z: np.ndarray
     other_lines: int = 0
@@ -55,7 +55,7 @@ class LabelledFolder:
     `engine` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
     """
 
-    scores: dict[str, list[PictureScore]]
+    scores: dict[str, list[StillScore]]
     engine: list[ScoredLane]
     estimate: PoseEstimate | None
 
@@ -79,14 +79,14 @@ def score_folder(
     """
     camera, estimate = ensure_pose(lens, files, progress=progress_line("pose"), markings=markings)
     others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
-    scores: dict[str, list[PictureScore]] = {system: [] for system in systems}
+    scores: dict[str, list[StillScore]] = {system: [] for system in systems}
     engine: list[ScoredLane] = []
     report = progress_line("stills")
     for done, (label, file) in enumerate(zip(labels, files, strict=True), 1):
         image = camera.require_size(read_image(file), label.name)
         for system, columns_of in others.items():
             lines = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
-            scores[system].append(score_picture(label, lines, camera.size))
+            scores[system].append(score_still(label, lines, camera.size))
         if len(others) < len(systems):
             found, _ = detect_in_drive(image, camera, estimate, markings)
             engine.append(score_lane(found.lane, label, found.camera))
@@ -95,16 +95,16 @@ def score_folder(
     return LabelledFolder({s: some if s in others else of_engine for s, some in scores.items()}, engine, estimate)
 
 
-def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[PictureScore]]:
+def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[StillScore]]:
     """The scores of each system on the stills of all cameras."""
-    scores: dict[str, list[PictureScore]] = {}
+    scores: dict[str, list[StillScore]] = {}
     for folder in folders:
         for system, some in folder.scores.items():
             scores.setdefault(system, []).extend(some)
     return scores
 
 
-def describe_labelled(scores: Mapping[str, Sequence[PictureScore]]) -> str:
+def describe_labelled(scores: Mapping[str, Sequence[StillScore]]) -> str:
     """A table of the summary, a line for each system."""
     return format_table(*number_cells({system: summarize(some) for system, some in scores.items()}))
 
@@ -112,14 +112,14 @@ def describe_labelled(scores: Mapping[str, Sequence[PictureScore]]) -> str:
 def score_lane(lane: Lane | None, label: LaneColumns, camera: Camera) -> ScoredLane:
     """The score of a lane that is detected in a single picture by `camera`, whose pose it has."""
     if lane is None:
-        return ScoredLane(score_picture(label, None, camera.size), None, np.full((2, len(COMPARED_AT_M)), np.nan))
+        return ScoredLane(score_still(label, None, camera.size), None, np.full((2, len(COMPARED_AT_M)), np.nan))
     found = LaneColumns(label.name, label.rows, lane.columns(camera, label.rows), EGO_SIDES, lane.confidence)
     error_m = lateral_errors_m(label.ego_lane(camera.size), found, camera, COMPARED_AT_M)
     other = np.abs(error_m) > OTHER_LINE_M
     error_m[other] = np.nan
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
     row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
-    score = score_picture(label, found, camera.size)
+    score = score_still(label, found, camera.size)
     return ScoredLane(score, lane, error_m / np.hypot(row_std, label_std_m), int(other.sum()))
 
 

@@ -28,7 +28,7 @@ from lanes.describe import format_table
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.tracking.tracker import LaneTracker
-from lanes.video.container import frame_rate, open_video
+from lanes.video.container import index_video, open_video
 from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_video
 from lanes.video.writer import open_mp4
@@ -175,7 +175,7 @@ def transcode(source: Path, target: Path) -> None:
         stream = read.streams.video[0]
         stream.thread_type = "AUTO"
         codec = stream.codec_context
-        rate, tick = frame_rate(stream, source), stream.time_base or Fraction(1)
+        rate, tick = index_video(source).rate, stream.time_base or Fraction(1)
         written, output = open_mp4(target, (codec.width, codec.height), rate, tick)
         with written:
             for frame in read.decode(stream):

@@ -17,7 +17,7 @@ from course.measures import HasLines, describe_error, worst_lateral_error_m
 from lanes.camera import Camera
 from lanes.describe import format_table
 from lanes.labels import EGO_SIDES, LaneColumns
-from lanes.score import score_picture, summarize
+from lanes.score import score_still, summarize
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
@@ -73,7 +73,7 @@ def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) 
     no_lines = np.full((2, len(label.rows)), -2.0)
     columns = no_lines if lines is None else project_lines(lines, camera, label.rows)
     found = LaneColumns(label.name, label.rows, columns, EGO_SIDES)
-    return summarize([score_picture(label, found, camera.size)])["ego accuracy"]
+    return summarize([score_still(label, found, camera.size)])["ego accuracy"]
 
 
 def _describe_differences(found: Found) -> str:

@@ -20,7 +20,7 @@ from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
 from lanes.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.sources import find_sources
-from lanes.video.reader import inspect_turn, inspect_video, read_timed_frames
+from lanes.video.reader import inspect_video, read_timed_frames
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 _MIN_VIEWS = 3
@@ -125,7 +125,8 @@ def _read_views(path: Path, name: str) -> Iterator[tuple[float, str, np.ndarray]
     if kind_of_file(path) != "video":
         yield 0.0, name, read_image(path, upright=False)
         return
-    count, orientation = inspect_video(path).frames, inspect_turn(path)
+    info = inspect_video(path)
+    count, orientation = info.frames, info.orientation
     for frame in read_timed_frames(path):
         if frame.number % max(1, count // _VIDEO_FRAMES) == 0:
             share = min(frame.number / count, 1.0)

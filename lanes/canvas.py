@@ -21,13 +21,13 @@ UNLIKELY_COLOUR: Colour = (255, 170, 0)
 LEFT_COLOUR: Colour = (255, 70, 60)
 RIGHT_COLOUR: Colour = (60, 130, 255)
 WINDOW_COLOUR: Colour = (255, 210, 0)
-TEXT_COLOUR: Colour = (255, 255, 255)
+_TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
-FONT_WEIGHT = 500
+_FONT_WEIGHT = 500
 # Default size of text: the root of the image's area divided by this, but at least so many pixels.
-TEXT_SHARE, MIN_TEXT_PX = 32, 14
+_TEXT_SHARE, _MIN_TEXT_PX = 32, 14
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
 # Limit of coordinates: fits in 32-bit integers, far outside any image.
@@ -103,21 +103,21 @@ def put_text(
     # OpenCV would wrap a long line at the left edge, over the line before: the wrap range is put out of reach.
     align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
     for number, line in enumerate(lines):
-        position = text_margin(size), text_margin(size) // 2 + number * line_height(size) + size
-        cv2.putText(image, line, position, TEXT_COLOUR, _font(), size, FONT_WEIGHT, align, wrap_range)
+        position = _text_margin(size), _text_margin(size) // 2 + number * _line_height(size) + size
+        cv2.putText(image, line, position, _TEXT_COLOUR, _font(), size, _FONT_WEIGHT, align, wrap_range)
 
 
 def text_size(width: int, height: int) -> int:
     """Default font size for images of a size: the same for all frames of a video, whatever the text, pixels."""
-    return max(MIN_TEXT_PX, round(sqrt(width * height) / TEXT_SHARE))
+    return max(_MIN_TEXT_PX, round(sqrt(width * height) / _TEXT_SHARE))
 
 
-def line_height(size_px: int) -> int:
+def _line_height(size_px: int) -> int:
     """Height of a line of text with its spacing, pixels."""
     return size_px + max(2, size_px // 3)
 
 
-def text_margin(size_px: int) -> int:
+def _text_margin(size_px: int) -> int:
     """Horizontal margin of text, pixels; the vertical one is half, because few letters fill the line's height."""
     return max(2, round(size_px * 0.6))
 
@@ -136,8 +136,8 @@ def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
 def _fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:
     """Largest font size up to `size` at which `lines` and their margins fit; and their width and height, pixels."""
     for smaller in range(max(size, 1), 0, -1):
-        box_width = max(_text_width(line, smaller) for line in lines) + 2 * text_margin(smaller)
-        box_height = len(lines) * line_height(smaller) + text_margin(smaller)
+        box_width = max(_text_width(line, smaller) for line in lines) + 2 * _text_margin(smaller)
+        box_height = len(lines) * _line_height(smaller) + _text_margin(smaller)
         if box_width <= width and box_height <= height:
             break
     return smaller, min(box_width, width), min(box_height, height)
@@ -153,4 +153,4 @@ def _font() -> cv2.FontFace:
 @lru_cache(maxsize=64)
 def _text_width(line: str, size: int) -> int:
     """Width in pixels; cached, because it takes as long as drawing, and most lines stay the same for several frames."""
-    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, FONT_WEIGHT)[2]
+    return cv2.getTextSize((0, 0), line, (0, 0), _font(), size, _FONT_WEIGHT)[2]

@@ -36,11 +36,12 @@ from lanes.labels import find_picture, read_labels, read_predictions
 from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.report.score_page import write_score_page
-from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_picture, score_tables
+from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables
 from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
+from lanes.video.container import count_missing
 from lanes.video.process import read_frames
-from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 
 class Calibrate:
@@ -53,18 +54,16 @@ class Calibrate:
     SUMMARY = "calibrate the lens from pictures of a chessboard"
     EXAMPLES = "  {program} my_boards -o lens.yaml\n  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         words = "picture or video of a chessboard, or folder of them"
         parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
         words = "inner corners of the board (default: 9x6)"
-        parser.add_argument("--pattern", type=pattern, default=(9, 6), metavar="CxR", help=words)
+        parser.add_argument("--pattern", type=_pattern, default=(9, 6), metavar="CxR", help=words)
         words = "also write a picture of all boards with their corners"
         parser.add_argument("--sheet", type=Path, metavar="FILE", help=words)
-        add_output(parser, "camera.yaml", "camera file to write")
+        _add_output(parser, "camera.yaml", "camera file to write")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
         detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
@@ -95,18 +94,14 @@ class Pose:
   {program} --hfov 60 --start 60 --end 90 drive.mp4
   {program} --boards my_boards --height 1.35 drive.mp4"""
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
-        add_lens(parser)
-        add_scale(parser)
-        add_part(parser)
+        _add_drive_options(parser)
         words = "use at most N pictures (default: %(default)s)"
         parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
-        add_output(parser, "camera.yaml", "camera file to write")
+        _add_output(parser, "camera.yaml", "camera file to write")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         require_no_input_among([options.output], options.files)
         lens, settings = find_lens(options)
         estimate = estimate_pose(
@@ -153,14 +148,11 @@ class Annotate:
   {program} --topic /front/image_raw drive.mcap
   {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         words = 'video, still, folder, or pattern such as "drives/*.mp4"'
         parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
-        add_lens(parser, each=True)
-        add_scale(parser)
-        add_output(parser, "annotated", "output folder")
-        add_part(parser)
+        _add_drive_options(parser, each=True)
+        _add_output(parser, "annotated", "output folder")
         words = (
             "lane: filled lane; lines: the two lines only; inset: with a bird's-eye view; mosaic: with intermediate "
         )
@@ -174,11 +166,10 @@ class Annotate:
         words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"
         where.add_argument("--scheduler", metavar="ADDRESS", help=words)
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
         sources = find_sources(options.files)
-        settings = read_settings(options, sources)
+        settings = _read_settings(options, sources)
         say = (lambda _: None) if options.quiet else partial(print, flush=True)
         failures: list[Exception] = []
         done = 0
@@ -193,7 +184,7 @@ class Annotate:
                 say(outcome.description)
             else:
                 failures.append(outcome)
-        return report_failures(failures, done)
+        return _report_failures(failures, done)
 
 
 class Detect:
@@ -211,21 +202,17 @@ class Detect:
   {program} --each photos/*.jpg
   {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
-        add_lens(parser, each=True)
-        add_scale(parser)
-        add_part(parser)
+        _add_drive_options(parser, each=True)
         words = "picture rows, TO excluded (default: by the height; of pictures 720 high 420:701:10)"
-        parser.add_argument("--rows", type=row_range, metavar="FROM:TO:STEP", help=words)
+        parser.add_argument("--rows", type=_row_range, metavar="FROM:TO:STEP", help=words)
         parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
         words = "frames per second of --sequence (default: %(default)s)"
         parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
-        add_output(parser, "lanes.jsonl", "file to write")
+        _add_output(parser, "lanes.jsonl", "file to write")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         """Detect the lane in every picture, and write the detections; returns 1 if a still was left out."""
         sources = find_sources(map(str, options.files))
         if options.each and options.sequence:
@@ -233,7 +220,7 @@ class Detect:
         if options.each and sources.videos:
             raise ValueError(f"{sources.videos[0]}: is no still; omit it, or omit --each.")
         require_no_input_among([options.output], sources.files)
-        settings = read_settings(options, sources)
+        settings = _read_settings(options, sources)
         failures: list[LaneError] = []
         found, missing = [], 0
         for video in sources.videos:
@@ -247,7 +234,7 @@ class Detect:
         lost = sum(detection["state"] == "lost" for detection in found)
         damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
         print(f"wrote {write_json_lines(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
-        return report_failures(failures, len(found))
+        return _report_failures(failures, len(found))
 
 
 class Explain:
@@ -264,18 +251,14 @@ class Explain:
   {program} --hfov 60 long_drive.mp4 --start 600 --end 660 --at 612.5
   {program} --hfov 60 still.jpg"""
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
         words = "time of the frame in a video, as 83.5 or 1:23.5 (default: first frame)"
         parser.add_argument("--at", type=seconds, metavar="TIME", help=words)
-        add_part(parser)
-        add_lens(parser)
-        add_scale(parser)
-        add_output(parser, "explained.png", "figure to write")
+        _add_drive_options(parser)
+        _add_output(parser, "explained.png", "figure to write")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         from lanes.figures import figure_kind, save_figure, show_explanation
 
         figure_kind(options.output)
@@ -318,25 +301,21 @@ class Label:
     SUMMARY = "mark the lines of the lane in stills, as labels to score against"
     EXAMPLES = "  {program} stills/\n  {program} --hfov 60 drive.mp4 --stills 50 -o my_labels"
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
-        add_lens(parser, each=True)
-        add_scale(parser)
-        add_part(parser)
+        _add_drive_options(parser, each=True)
         parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
         parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
         parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         try:
             from lanes.label.server import label_stills
         except ImportError as error:
             raise OSError("label needs tornado, which is not installed; run pip install 'tornado>=6.6.1'.") from error
         sources = find_sources(map(str, options.files))
         options.output = options.output or (sources.stills[0].parent if sources.stills else Path("labels"))
-        print(label_stills(sources, read_settings(options, sources), options.stills, browser=not options.no_browser))
+        print(label_stills(sources, _read_settings(options, sources), options.stills, browser=not options.no_browser))
         return 0
 
 
@@ -349,15 +328,13 @@ class Score:
     SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
     EXAMPLES = "  {program} labels.jsonl lanes.jsonl\n  {program} --camera camera.yaml labels.jsonl lanes.jsonl"
 
-    @staticmethod
-    def add_arguments(parser: argparse.ArgumentParser) -> None:
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         parser.add_argument("labels", type=Path, metavar="LABELS", help="labels; raw_file is relative to this file")
         parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="lines that a program predicts")
         parser.add_argument("--camera", type=Path, metavar="YAML", help="camera file with a pose, for errors in metres")
-        add_output(parser, "score.html", "page to write")
+        _add_output(parser, "score.html", "page to write")
 
-    @staticmethod
-    def run(options: argparse.Namespace) -> int:
+    def run(self, options: argparse.Namespace) -> int:
         labels, folder = read_labels(options.labels), options.labels.parent
         predictions, camera = read_predictions(options.predictions, labels), None
         if options.camera and not (camera := load_camera(options.camera)).pose:
@@ -367,7 +344,7 @@ class Score:
         read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
         assumed = camera.size if camera else TUSIMPLE_SIZE
         sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
-        scores = [score_picture(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
+        scores = [score_still(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
         missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
         gone = [picture for picture in pictures if not picture.is_file()]
         tables = score_tables(scores)
@@ -387,9 +364,10 @@ class Score:
         return 0
 
 
-COMMANDS = {c.__name__.lower(): c for c in (Calibrate, Pose, Annotate, Detect, Explain, Label, Score)}
-EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
-EPILOG += """
+_CLASSES = (Calibrate, Pose, Annotate, Detect, Explain, Label, Score)
+COMMANDS = {command.__name__.lower(): command() for command in _CLASSES}
+_EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
+_EPILOG += """
 In a clone of the project, python -m simulator renders roads with ground truth and
 python -m benchmark scores lane finders.
 
@@ -406,11 +384,11 @@ def main(arguments: list[str] | None = None) -> int:
         prog=program,
         usage=f"{program} [-h] COMMAND ...",
         description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
-        epilog=EPILOG.format(program=program),
+        epilog=_EPILOG.format(program=program),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     words = "one of the commands below; COMMAND --help describes it"
-    parser.add_argument("command", type=command_name, metavar="COMMAND", help=words)
+    parser.add_argument("command", type=_command_name, metavar="COMMAND", help=words)
     parser.add_argument("--version", action="version", version=f"lanes {__version__}")
     name = parser.parse_args(arguments[:1]).command
     return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
@@ -421,7 +399,7 @@ def installed_command() -> None:
     run_program(main)
 
 
-def command_name(text: str) -> str:
+def _command_name(text: str) -> str:
     """An argparse type: the name of a command; for another word the error proposes the nearest one."""
     if text in COMMANDS:
         return text
@@ -433,11 +411,23 @@ def command_name(text: str) -> str:
 # Options that several commands share.
 
 
-def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
-    """Add the options for lens and place of the camera, --topic, --markings, and maybe --each."""
+def _add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -> None:
+    """Add the options of `add_lens`, for the scale of a pose, for a part of the videos, and maybe --each."""
     if each:
         words = "the stills are of different cameras: estimate the pose of each on its own"
         parser.add_argument("--each", action="store_true", help=words)
+    add_lens(parser)
+    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
+    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
+    words = "measured height of the camera, metres, for a pose that is estimated"
+    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
+    words = "start at this time of each video, as 83.5 or 1:23.5"
+    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
+    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
+
+
+def add_lens(parser: argparse._ActionsContainer) -> None:
+    """Add the options for lens and place of the camera, --topic and --markings."""
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
@@ -457,22 +447,7 @@ def add_lens(parser: argparse._ActionsContainer, *, each: bool = False) -> None:
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
 
 
-def add_scale(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the scale of a pose that is estimated."""
-    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
-    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
-    words = "measured height of the camera, metres, for a pose that is estimated"
-    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
-
-
-def add_part(parser: argparse.ArgumentParser) -> None:
-    """Add the options for a part of the videos; `read_settings` checks them."""
-    words = "start at this time of each video, as 83.5 or 1:23.5"
-    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
-    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
-
-
-def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+def _add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
     """Add --output, with `what` as its help text."""
     parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
 
@@ -480,11 +455,11 @@ def add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None
 def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
     """Camera, for images of the size of the first file, and settings according to the options of `add_lens`."""
     sources = find_sources(map(str, options.files))
-    settings, image = read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
+    settings, image = _read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
     return settings.camera_for(image.shape[1::-1], sources.files[0]), settings
 
 
-def read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
+def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
 
     Prints the field of view of an uncalibrated lens, unless --hfov gives a usual one, or with --each all stills name
@@ -538,7 +513,7 @@ def _list_names(paths: Sequence[Path]) -> str:
     return ", ".join(map(str, paths[:5])) + more
 
 
-def report_failures(failures: Sequence[Exception], done: int) -> int:
+def _report_failures(failures: Sequence[Exception], done: int) -> int:
     """Print errors; returns the exit status: 1 if something was done nevertheless, else that of the errors."""
     for failure in failures:
         print(f"error: {failure}", file=sys.stderr)
@@ -547,7 +522,7 @@ def report_failures(failures: Sequence[Exception], done: int) -> int:
     return 1 if failures else 0
 
 
-def pattern(text: str) -> tuple[int, int]:
+def _pattern(text: str) -> tuple[int, int]:
     """An argparse type: inner corners of a chessboard, columns and rows, written like 9x6."""
     columns, _, rows = text.lower().partition("x")
     if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
@@ -557,7 +532,7 @@ def pattern(text: str) -> tuple[int, int]:
     return int(columns), int(rows)
 
 
-def row_range(text: str) -> range:
+def _row_range(text: str) -> range:
     """An argparse type: image rows, written like 420:701:10."""
     try:
         wanted = range(*(int(part) for part in text.split(":")))

@@ -90,7 +90,7 @@ def error_status(error: Exception) -> int:
 
 
 def run_command(command: Any, program: str, arguments: list[str]) -> int:
-    """Run a command, a module or class with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
+    """Run a command, a module or object with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
 
     In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command. Returns the exit status:
     0 done; 1 failed with good inputs, such as an unwritable output or images without a road; 2 wrong usage, or a

@@ -28,7 +28,7 @@ from lanes.video.robot_log import LogIndex
 _TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
 _TYPES["lines"] = "visualization_msgs/msg/MarkerArray"
 # Shares of the reach of a line that have a point; width of lines; opacity of one that is seen, and of one that is not.
-SHARES, WIDTH_M, _SEEN_ALPHA, INFERRED_ALPHA = np.linspace(0, 1, 24) ** 2, 0.12, 1.0, 0.4
+_SHARES, _WIDTH_M, _SEEN_ALPHA, INFERRED_ALPHA = np.linspace(0, 1, 24) ** 2, 0.12, 1.0, 0.4
 
 
 @contextmanager
@@ -82,12 +82,12 @@ class LaneMessageWriter(TelemetryWriter):
         """Markers of the left, the right and the far lines; that of a line that is not known deletes it."""
         t = {name.rpartition("/")[2]: kind for name, kind in self._store.types.items()}
         header, no_bytes = t["Header"](t["Time"](*divmod(stamp_ns, 10**9)), "base_link"), np.empty(0, np.uint8)
-        pose, scale = t["Pose"](t["Point"](0, 0, 0), t["Quaternion"](0, 0, 0, 1)), t["Vector3"](WIDTH_M, 0, 0)
+        pose, scale = t["Pose"](t["Point"](0, 0, 0), t["Quaternion"](0, 0, 0, 1)), t["Vector3"](_WIDTH_M, 0, 0)
         texture, mesh = t["CompressedImage"](header, "", no_bytes), t["MeshFile"]("", no_bytes)
         colour = np.divide(LANE_COLOUR if lane and lane.confidence >= LIKELY_CONFIDENCE else UNLIKELY_COLOUR, 255)
         markers, ends_m = [], lane.ends_m if lane else (0.0, 0.0)
         for number, line in enumerate((*lane.lines, *lane.adjacent) if lane else (None,) * 4):
-            x_m = SHARES * (line.reach_m if number > 1 else ends_m[number]) if line else SHARES
+            x_m = _SHARES * (line.reach_m if number > 1 else ends_m[number]) if line else _SHARES
             offset_m = lane.camera_offset_m if lane else 0.0
             yz_m = (line.y(x_m) + offset_m, road_height(line.model, x_m)) if line else ()
             points = [t["Point"](*xyz) for xyz in np.column_stack([x_m, *yz_m]) if line and np.isfinite(xyz).all()]

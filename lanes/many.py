@@ -38,7 +38,7 @@ RETRIES = 2
 # Time to wait for a scheduler to answer.
 CONNECT_TIMEOUT_S = 10
 # Table of all drives, in the output folder, and its columns with numbers.
-SUMMARY = Path("summary", "drives.csv")
+_SUMMARY = Path("summary", "drives.csv")
 _MEASURES = ("tracked_share", "lost_s", "frames", "missing", "length_s")
 
 
@@ -126,7 +126,7 @@ def annotate_many(
             for job in [] if scheduler else unfinished:
                 for output in (*job.outputs, job.manifest):
                     remove_partial(output)
-    table = write_telemetry(settings.output / SUMMARY, _summary_rows(finished, failed))
+    table = write_telemetry(settings.output / _SUMMARY, _summary_rows(finished, failed))
     log(f"{len(finished)} drives finished, {len(failed)} failed; {counts}; wrote {table}")
     return finished, list(failed.values())
 

@@ -1,13 +1,13 @@
-"""Scores of lines in labelled pictures: TuSimple's official score, its ego-lane variant, and errors in metres.
+"""Scores of lines in labelled stills: TuSimple's official score, its ego-lane variant, and errors in metres.
 
 The rules are those of TuSimple's lane detection challenge: a point is correct within 20 px over the cosine of the
-line's angle, and a line is matched if 85 % of its points are correct. TuSimple's pictures are 1280 px wide; in others
+line's angle, and a line is matched if 85 % of its points are correct. TuSimple's stills are 1280 px wide; in others
 the tolerance is scaled with the width.
 
 The official score counts all lines, each label with its best prediction, and all rows: one without a labelled point is
 correct if the prediction has none either. A prediction that matches no label is false, also one without points. The
 number is that of TuSimple's program also where this is odd: a prediction that is the best of two labels makes the FP of
-a picture negative, a picture without a labelled line has an accuracy of 0, and a prediction that took more than 200 ms
+a still negative, a still without a labelled line has an accuracy of 0, and a prediction that took more than 200 ms
 counts as not found. In the ego-lane variant left is compared with left and right with right, and only rows with a
 labelled point count.
 """
@@ -24,24 +24,24 @@ from lanes.camera import Camera
 from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.labels import SAME_ROW_PX, LaneColumns
 
-# TuSimple's tolerance of a point, accuracy of a matched line, and size of its pictures. A line with fewer labelled
+# TuSimple's tolerance of a point, accuracy of a matched line, and size of its stills. A line with fewer labelled
 # points than the last number has no reliable direction and is not scored.
-TOLERANCE_PX, MATCH_ACCURACY, TUSIMPLE_SIZE, MIN_POINTS = 20.0, 0.85, (1280, 720), 4
-# The official score of a picture is 0 with more surplus predictions than this. Of more labelled lines than the second,
+_TOLERANCE_PX, _MATCH_ACCURACY, TUSIMPLE_SIZE, _MIN_POINTS = 20.0, 0.85, (1280, 720), 4
+# The official score of a still is 0 with more surplus predictions than this. Of more labelled lines than the second,
 # the worst is left out. Missing points are put at the third, so that they are far from all others.
-MAX_SURPLUS, MAX_LABELLED, MISSING_PX = 2, 4, -100.0
+_MAX_SURPLUS, _MAX_LABELLED, _MISSING_PX = 2, 4, -100.0
 # It is 0 also for a prediction that took longer.
-MAX_RUN_TIME_MS = 200.0
-# The numbers of a picture's score: shares, and lateral errors in metres at these distances.
+_MAX_RUN_TIME_MS = 200.0
+# The numbers of a still's score: shares, and lateral errors in metres at these distances.
 SHARES = ("right", "TuSimple", "FP", "FN", "ego accuracy", "ego matched")
 DISTANCES = tuple(f"{x_m:g} m" for x_m in CORRECT_AT_M)
-MAX_WORST = 20
+_MAX_WORST = 20
 Table = Mapping[str, Mapping[str, float]]
 
 
 @dataclass(frozen=True, eq=False)
-class PictureScore:
-    """Score of a prediction for a labelled picture of `size` (width, height).
+class StillScore:
+    """Score of a prediction for a labelled still of `size` (width, height).
 
     `values` has an array for each of `SHARES` and `DISTANCES`, NaN where nothing can be compared: the official score
     ("TuSimple", "FP", "FN"); of the left and the right ego line the share of the labelled points that are correct, and
@@ -56,9 +56,9 @@ class PictureScore:
     values: dict[str, np.ndarray]
 
 
-def score_picture(
+def score_still(
     label: LaneColumns, found: LaneColumns | None, size: tuple[int, int] = TUSIMPLE_SIZE, camera: Camera | None = None
-) -> PictureScore:
+) -> StillScore:
     """The score of a prediction, None for no lines; lateral errors are only known with a camera that has a pose."""
     found = found or LaneColumns(label.name, label.rows, np.empty((0, len(label.rows))))
     true, ego, scale = label.ego_lane(size), found.ego_lane(size), size[0] / TUSIMPLE_SIZE[0]
@@ -66,31 +66,31 @@ def score_picture(
     error_px = np.where(columns >= 0, np.abs(columns - true.columns), np.inf)
     correct = labelled & (error_px < _tolerances_px(true, scale))
     points = labelled.sum(axis=1)
-    accuracy = np.where(points >= MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
-    matched = np.where(np.isfinite(accuracy), accuracy >= MATCH_ACCURACY, np.nan)
+    accuracy = np.where(points >= _MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
+    matched = np.where(np.isfinite(accuracy), accuracy >= _MATCH_ACCURACY, np.nan)
     right = bool(np.nanmin(matched)) if np.isfinite(matched).any() else None
     if label.empty:
         right = found.empty or (found.confidence is not None and found.confidence < LIKELY_CONFIDENCE)
-    official = _official_score(label, found.at(label.rows), scale, late=found.run_time_ms > MAX_RUN_TIME_MS)
+    official = _official_score(label, found.at(label.rows), scale, late=found.run_time_ms > _MAX_RUN_TIME_MS)
     lateral_m = lateral_errors_m(true, ego, camera).T if camera else np.full((len(DISTANCES), 2), np.nan)
     numbers = np.nan if right is None else right, *official, accuracy, matched, *lateral_m
     values = {name: np.atleast_1d(some) for name, some in zip(SHARES + DISTANCES, numbers, strict=True)}
-    return PictureScore(label, found, size, right, values)
+    return StillScore(label, found, size, right, values)
 
 
 def _official_score(
     label: LaneColumns, predicted: np.ndarray, scale: float, *, late: bool
 ) -> tuple[float, float, float]:
     """TuSimple's accuracy, FP and FN of predicted columns (K, R); `late` if they took too long."""
-    lines, count = len(label.columns), max(min(len(label.columns), MAX_LABELLED), 1)
+    lines, count = len(label.columns), max(min(len(label.columns), _MAX_LABELLED), 1)
     if not len(label.rows):
         return np.nan, np.nan, np.nan
-    if late or len(predicted) > lines + MAX_SURPLUS:
+    if late or len(predicted) > lines + _MAX_SURPLUS:
         return 0.0, 0.0, 1.0
-    found, true = (np.where(columns >= 0, columns, MISSING_PX) for columns in (predicted, label.columns))
+    found, true = (np.where(columns >= 0, columns, _MISSING_PX) for columns in (predicted, label.columns))
     correct = np.abs(found - true[:, None]) < _tolerances_px(label, scale)[:, None]
     best = correct.mean(axis=2).max(axis=1, initial=0.0)
-    matched, left_out = int((best >= MATCH_ACCURACY).sum()), lines > MAX_LABELLED
+    matched, left_out = int((best >= _MATCH_ACCURACY).sum()), lines > _MAX_LABELLED
     false = (len(predicted) - matched) / max(len(predicted), 1)
     missed = lines - matched - (left_out and lines > matched)
     return float(best.sum() - left_out * best.min(initial=1.0)) / count, false, missed / count
@@ -100,7 +100,7 @@ def _tolerances_px(label: LaneColumns, scale: float) -> np.ndarray:
     """Tolerance (K, 1) of each line's points: by the angle, from the vertical, of the straight line through them."""
     known = [(label.rows[line >= 0], line[line >= 0]) for line in label.columns]
     slopes = [np.polyfit(*points, 1)[0] if len(points[0]) > 1 else 0.0 for points in known]
-    return TOLERANCE_PX * scale * np.hypot(1, slopes)[:, None]
+    return _TOLERANCE_PX * scale * np.hypot(1, slopes)[:, None]
 
 
 def lateral_errors_m(true: LaneColumns, ego: LaneColumns, camera: Camera, x_m: np.ndarray = CORRECT_AT_M) -> np.ndarray:
@@ -114,8 +114,8 @@ def lateral_errors_m(true: LaneColumns, ego: LaneColumns, camera: Camera, x_m: n
     return y_m[1] - y_m[0]
 
 
-def summarize(scores: Sequence[PictureScore], names: Sequence[str] = SHARES) -> dict[str, float]:
-    """Number of pictures, means of the shares, and medians and 95th percentiles of the lateral errors."""
+def summarize(scores: Sequence[StillScore], names: Sequence[str] = SHARES) -> dict[str, float]:
+    """Number of stills, means of the shares, and medians and 95th percentiles of the lateral errors."""
     row: dict[str, float] = {"stills": len(scores)}
     for name in names:
         values = np.concatenate([score.values[name] for score in scores])
@@ -128,7 +128,7 @@ def summarize(scores: Sequence[PictureScore], names: Sequence[str] = SHARES) -> 
     return row
 
 
-def reliability(scores: Iterable[PictureScore]) -> Table:
+def reliability(scores: Iterable[StillScore]) -> Table:
     """For each range of stated confidence the number of lanes, of right ones, and their share of all right ones."""
     lanes = [s for s in scores if None not in (s.prediction.confidence, s.right) and not s.prediction.empty]
     stated = np.array([s.prediction.confidence for s in lanes], float)
@@ -142,8 +142,8 @@ def reliability(scores: Iterable[PictureScore]) -> Table:
     return table
 
 
-def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
-    """Scores, lateral errors and reliability of all pictures and of each top folder; scores of the worst pictures."""
+def score_tables(scores: Sequence[StillScore]) -> dict[str, Table]:
+    """Scores, lateral errors and reliability of all stills and of each top folder; scores of the worst stills."""
     names = ["all", *dict.fromkeys(score.label.folder for score in scores)]
     folders = {name: [s for s in scores if name in ("all", s.label.folder)] for name in names}
     tables: dict[str, Table] = {"scores": {name: summarize(some) for name, some in folders.items()}}
@@ -152,31 +152,31 @@ def score_tables(scores: Sequence[PictureScore]) -> dict[str, Table]:
     if any(score.prediction.confidence is not None for score in scores):
         tables["confidence"] = reliability(scores)
     rows = {score.label.name: summarize([score]) for score in scores}
-    # a picture without a labelled lane has no accuracy; those with nothing to compare come last
+    # a still without a labelled lane has no accuracy; those with nothing to compare come last
     key = {name: (row["right"], np.nan_to_num(row["ego accuracy"], nan=row["right"])) for name, row in rows.items()}
     worst = sorted(rows, key=lambda name: np.nan_to_num(key[name], nan=2.0).tolist())
-    return tables | {"worst stills": {name: rows[name] for name in worst[:MAX_WORST]}}
+    return tables | {"worst stills": {name: rows[name] for name in worst[:_MAX_WORST]}}
 
 
 def describe_predictions(
-    labels: Sequence[LaneColumns], predictions: Sequence[LaneColumns | None], pictures: Sequence[Path]
+    labels: Sequence[LaneColumns], predictions: Sequence[LaneColumns | None], stills: Sequence[Path]
 ) -> list[tuple[str, list[Path]]]:
-    """What a user should know of predictions, in words, and the pictures that it is about."""
+    """What a user should know of predictions, in words, and the stills that it is about."""
     other, lacking, late = [], [], []
     lacked: set[float] = set()
-    for label, found, picture in zip(labels, predictions, pictures, strict=True):
+    for label, found, still in zip(labels, predictions, stills, strict=True):
         if found is None:
             continue
         labelled = label.rows[(label.columns >= 0).any(axis=0)]
         beyond = found.lacking(labelled).tolist()
         lacked.update(beyond)
-        lacking += [picture] if beyond else []
+        lacking += [still] if beyond else []
         between = np.abs(labelled[:, None] - found.rows).min(axis=1, initial=np.inf) > SAME_ROW_PX
-        other += [picture] if between.sum() > len(beyond) else []
-        late += [picture] if found.run_time_ms > MAX_RUN_TIME_MS else []
-    rows = ", ".join(f"{row:g}" for row in sorted(lacked)[:MAX_WORST]) + (", ..." if len(lacked) > MAX_WORST else "")
+        other += [still] if between.sum() > len(beyond) else []
+        late += [still] if found.run_time_ms > _MAX_RUN_TIME_MS else []
+    rows = ", ".join(f"{row:g}" for row in sorted(lacked)[:_MAX_WORST]) + (", ..." if len(lacked) > _MAX_WORST else "")
     return [
         ("predictions are at other rows than the labels, and interpolated", other),
         (f"predictions end before labelled rows, which count as missing (rows {rows})", lacking),
-        (f"predictions took more than {MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
+        (f"predictions took more than {_MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
     ]

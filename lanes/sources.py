@@ -15,7 +15,7 @@ import numpy as np
 from lanes.errors import VideoError
 from lanes.files import MESSAGES_SUFFIX, NO_PERMISSION, list_files, require_no_input_among
 from lanes.images import kind_of_file, natural_key, read_image, read_orientation
-from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_turn, inspect_video, read_timed_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 from lanes.video.robot_log import is_bag_folder, is_robot_log
 
 # Reading this much of a video takes about as long as reopening it at another time.
@@ -104,7 +104,9 @@ def _files(name: str) -> list[Path]:
 
 def read_turn(file: Path) -> int:
     """The EXIF orientation of a still, or that which the display matrix of a video stands for."""
-    return read_orientation(file) if kind_of_file(file) == "image" else inspect_turn(file)
+    if kind_of_file(file) == "image":
+        return read_orientation(file)
+    return 1 if is_robot_log(file) else inspect_video(file).orientation
 
 
 def sample_images(

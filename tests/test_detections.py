@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +14,8 @@ from PIL import ExifTags, Image
 from lanes.camera import Camera, CameraPose, save_camera
 from lanes.detections import usual_rows
 from lanes.images import write_image
-from lanes.video.writer import VideoWriter
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
-from tests.support.command_line import main
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 from tests.support.painted_roads import paint_motorway
 
@@ -38,25 +37,21 @@ def folder(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def detect(folder, tmp_path, capsys):
+def detect(tmp_path, run):
     """A function that runs the command; returns its status, the detections, and what it printed."""
 
-    def run(*arguments: object, rows: range = ROWS) -> tuple[int, list[dict], str, str]:
+    def detect(*arguments: object, rows: Sequence[str] = ("--rows", "230:351:10")) -> tuple[int, list[dict], str, str]:
         output = tmp_path / "lanes.jsonl"
-        options = ["--rows", f"{rows.start}:{rows.stop}:{rows.step}", "-o", str(output)]
-        status = main(["detect", *map(str, arguments), *options])
-        found = [json.loads(line) for line in output.read_text().splitlines()] if output.exists() else []
-        return status, found, *capsys.readouterr()
+        status, out, err = run("detect", *arguments, *rows, "-o", output)
+        return status, [json.loads(line) for line in output.read_text().splitlines()], out, err
 
-    return run
+    return detect
 
 
-def test_by_default_the_rows_are_those_of_the_height_and_only_a_part_is_detected(folder, tmp_path, capsys):
+def test_by_default_the_rows_are_those_of_the_height_and_only_a_part_is_detected(folder, detect, tmp_path):
     video = write_clip(tmp_path / "drive.mp4", map(DRIVE.frame, np.arange(10) / 25))
-    options = ["--camera", str(folder / "camera.yaml"), "--start", "0.2", "--end", "0.3", "-o", str(tmp_path / "out")]
-    assert main(["detect", str(video), *options]) == 0
-    found = [json.loads(line) for line in (tmp_path / "out").read_text().splitlines()]
-    assert [detection["frame"] for detection in found] == [5, 6, 7]
+    status, found, *_ = detect(video, "--camera", folder / "camera.yaml", "--start", 0.2, "--end", 0.3, rows=())
+    assert status == 0 and [detection["frame"] for detection in found] == [5, 6, 7]
     assert found[0]["h_samples"] == list(range(210, 355, 5)) and min(found[-1]["lanes"][0]) > 0
     assert list(usual_rows(720)) == list(range(420, 701, 10)) and max(usual_rows(540)) < 540
 
@@ -99,21 +94,9 @@ def test_videos_are_tracked_frame_by_frame(folder, detect, tmp_path):
     assert found[5]["offset_m"] == pytest.approx(DRIVE.truth(0.2).offset_m, abs=0.05)
 
 
-@pytest.mark.parametrize("source", ["video", "sequence"])
-def test_the_time_between_frames_counts(source, folder, detect, tmp_path):
-    """After eight frames of the lane it is black. The tracker coasts for one second, however many frames that are.
-
-    The video has no constant rate, the sequence has the rate of --fps.
-    """
+def test_the_time_between_the_frames_of_a_sequence_is_that_of_its_rate(folder, detect, tmp_path):
+    """After eight frames of the lane it is black. The tracker coasts for one second, however many frames that are."""
     images = [DRIVE.frame(number / 25) for number in range(8)] + [BLACK] * 3
-    if source == "video":
-        times_s = [*np.arange(8) / 25, 0.32, 0.76, 1.6]
-        with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
-            for image, time_s in zip(images, times_s, strict=True):
-                writer.write(image, time_s)
-        _, found, *_ = detect("--camera", folder / "camera.yaml", tmp_path / "drive.mp4")
-        assert [row["state"] for row in found[-4:]] == ["tracking", "coasting", "coasting", "lost"]
-        return
     stills = [write_image(tmp_path / f"{number}.png", image) for number, image in enumerate(images)]
     for fps, last in ((25, "coasting"), (2, "lost")):
         _, found, *_ = detect("--camera", folder / "camera.yaml", "--sequence", "--fps", fps, *stills)

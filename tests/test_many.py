@@ -6,6 +6,7 @@ import csv
 import json
 import os
 import re
+import shutil
 import signal
 import sys
 import time
@@ -33,7 +34,7 @@ from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
 from tests.support.avi_file import encode_chunks, write_avi
 from tests.support.clips import write_drive
-from tests.support.command_line import main, start
+from tests.support.command_line import start
 from tests.support.onnx_file import threshold, write_model
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
@@ -174,10 +175,9 @@ def test_failed_drives_do_not_stop_the_others_and_come_first_in_the_table(
     assert len(annotate_many(videos, settings_for(output), log=messages.append)[0]) == 3
 
 
-def test_a_changed_drive_or_manifest_is_annotated_again(tmp_path, in_this_process):
+def test_a_changed_drive_or_manifest_is_annotated_again(drives, tmp_path, in_this_process):
     """Also after a change that is taken back: the manifest is that of the last run. Anyone may have written it."""
-    road = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
-    video, out = write_drive(tmp_path / "drive.mp4", road, 6), tmp_path / "out"
+    video, out = shutil.copy(drives / "drive1.mp4", tmp_path / "drive.mp4"), tmp_path / "out"
     manifest = out / "drive.json"
 
     def annotated(**changes: object) -> bool:
@@ -190,6 +190,7 @@ def test_a_changed_drive_or_manifest_is_annotated_again(tmp_path, in_this_proces
         manifest.write_text(json.dumps(json.loads(manifest.read_text()) | entries))
 
     assert annotated() and not annotated(progress=True)
+    other = {"fingerprint": json.loads(manifest.read_text())["fingerprint"] | {"versions": {}}}
     changes = {
         "input grown": lambda: video.write_bytes(video.read_bytes() + b"x"),
         "input touched": lambda: os.utime(video, ns=(0, 10**18)),
@@ -200,9 +201,7 @@ def test_a_changed_drive_or_manifest_is_annotated_again(tmp_path, in_this_proces
         "nested manifest": lambda: manifest.write_text("[" * 99_999),
         "other outputs": lambda: rewrite(outputs={"/etc/passwd": 1}),
         "words": lambda: rewrite(frames="many"),
-        "other versions": lambda: rewrite(
-            fingerprint=json.loads(manifest.read_text())["fingerprint"] | {"versions": {}}
-        ),
+        "other versions": lambda: rewrite(**other),
     }
     for name, change in changes.items():
         change()
@@ -276,22 +275,16 @@ def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path,
         assert (output / "drive0.partial.mp4").read_bytes() == b"written so far"
 
 
-@pytest.mark.parametrize(
-    ("kind", "reworded"),
-    [(av.error.OSError, False), (av.error.PermissionError, True), (av.error.InvalidDataError, True)],
-)
+@pytest.mark.parametrize("kind", [av.error.OSError, av.error.PermissionError, av.error.InvalidDataError])
+@pytest.mark.parametrize("reworded", [False, True])
 def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, reworded, drives, tmp_path, monkeypatch):
     """A worker sends them to another process, which needs plain errors, also as the cause of ours."""
-    video = videos_in(drives)[0]
-    error = kind(5, "Input/output error", str(video))
+    video, error = videos_in(drives)[0], kind(5, "Input/output error", "drive.mp4")
 
     def fail(*_: object) -> None:
         if not reworded:
             raise error
-        try:
-            raise error
-        except av.FFmpegError as cause:
-            raise (OSError if isinstance(cause, OSError) else VideoError)(str(cause)) from cause
+        raise (OSError if isinstance(error, OSError) else VideoError)(str(error)) from error
 
     monkeypatch.setattr(many, "annotate_drive", fail)
     job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
@@ -299,9 +292,9 @@ def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, reworded, drives,
         sent = many.run_job(job)
     except OSError as raised:
         sent = raised
-    assert type(sent) in (OSError, ValueError, VideoError) and isinstance(sent, OSError) == isinstance(error, OSError)
     received = loads(dumps(sent))
-    assert type(received) is type(sent) and str(received) == str(error)
+    assert type(received) in (OSError, ValueError, VideoError)
+    assert isinstance(received, OSError) == isinstance(error, OSError) and str(received) == str(error)
 
 
 def test_a_worker_with_another_network_is_reported(drives, tmp_path, in_this_process):
@@ -317,22 +310,18 @@ def test_a_worker_with_another_network_is_reported(drives, tmp_path, in_this_pro
 # --- the command
 
 
-def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path, monkeypatch, capsys):
-    arguments = ["annotate", "--camera", drives / "drive0.yaml", drives / "drive0.mp4", "-o", tmp_path / "out"]
-
-    def run(*options: object) -> tuple[int, str, str]:
-        return main([*map(str, [*arguments, *options])]), *capsys.readouterr()
-
+def test_no_scheduler_and_no_dask_are_reported(drives, tmp_path, monkeypatch, run):
+    arguments = "annotate", "--camera", drives / "drive0.yaml", drives / "drive0.mp4", "-o", tmp_path / "out"
     monkeypatch.setattr(many, "CONNECT_TIMEOUT_S", 0.5)
-    status, _, err = run("--scheduler", "tcp://127.0.0.1:9")
+    status, _, err = run(*arguments, "--scheduler", "tcp://127.0.0.1:9")
     assert status == 1 and err.startswith("error: tcp://127.0.0.1:9: no Dask scheduler answers")
     for name in ("dask", "distributed"):
         monkeypatch.setitem(sys.modules, name, None)
-    status, out, err = run("--workers", 2)
+    status, out, err = run(*arguments, "--workers", 2)
     assert (status, out) == (1, "") and not (tmp_path / "out").exists()
     words = r"error: .* need Dask, which is not installed; run `pip install 'dask\[distributed\]' .*\n"
     assert re.fullmatch(words, err)
-    status, _, err = run()
+    status, _, err = run(*arguments)
     assert (status, err) == (0, "") and not (tmp_path / "out" / "summary").exists()
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera, CameraPose, save_camera
+from lanes.files import write_json_lines
 from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
-from lanes.score import DISTANCES, PictureScore, reliability, score_picture, summarize
+from lanes.score import DISTANCES, StillScore, reliability, score_still, summarize
 from tests.support.command_line import main
 from tests.support.project import names
 
@@ -41,7 +42,7 @@ def slanted(slope: float) -> np.ndarray:
 
 
 def accuracies(label: LaneColumns, found: LaneColumns | None, width_px: int = 1280) -> list[float]:
-    return score_picture(label, found, SIZES[width_px]).values["ego accuracy"].tolist()
+    return score_still(label, found, SIZES[width_px]).values["ego accuracy"].tolist()
 
 
 def without(rows: slice, column: float = 300.0) -> np.ndarray:
@@ -82,12 +83,12 @@ def test_accuracy_of_an_ego_line(name):
 def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_where_none_is():
     label = lane(upright(), upright(900))
     for missing, right in ((3, True), (4, False)):  # of 20
-        assert score_picture(label, lane(upright(), without(np.s_[:missing], 900))).right is right
-    assert score_picture(lane(without(np.s_[:17])), lane(upright())).right is None
+        assert score_still(label, lane(upright(), without(np.s_[:missing], 900))).right is right
+    assert score_still(lane(without(np.s_[:17])), lane(upright())).right is None
     for none in (lines(), lines(NOTHING, NOTHING)):
         for confidence, right in {None: False, 0.49: True, 0.5: False, 0.9: False}.items():
-            assert score_picture(none, lines(upright(), upright(900), confidence=confidence)).right is right
-        assert score_picture(none, None).right and score_picture(none, lines(NOTHING, confidence=0.9)).right
+            assert score_still(none, lines(upright(), upright(900), confidence=confidence)).right is right
+        assert score_still(none, None).right and score_still(none, lines(NOTHING, confidence=0.9)).right
 
 
 def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
@@ -103,11 +104,10 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
         entries["labels"].append({"raw_file": f"{number}.jpg", "lanes": lanes, "h_samples": rows})
         run_time = float(rng.choice([10, 200, 200.1]))
         entries["found"].append({"raw_file": f"{number}.jpg", "lanes": found, "run_time": run_time})
-    for name, lines in entries.items():
-        (tmp_path / f"{name}.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    write_lines(tmp_path, **entries)
     labels = read_labels(tmp_path / "labels.jsonl")
     pairs = zip(labels, read_predictions(tmp_path / "found.jsonl", labels), strict=True)
-    row = summarize([score_picture(*pair) for pair in pairs])
+    row = summarize([score_still(*pair) for pair in pairs])
     wanted = np.mean([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)], 0)
     assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(wanted, abs=1e-9)
     assert min(tusimple_bench(*pair)[1] for pair in zip(entries["labels"], entries["found"], strict=True)) < 0
@@ -116,6 +116,11 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
+
+
+def write_lines(folder: Path, labels: list[dict], found: list[dict]) -> None:
+    write_json_lines(folder / "labels.jsonl", labels)
+    write_json_lines(folder / "found.jsonl", found)
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
@@ -178,15 +183,15 @@ def road_lines(*lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_
     ids=["positive left", "a straight road", "one line", "between the ends", "none"],
 )
 def test_lateral_errors_at_each_distance(found, errors):
-    values = score_picture(road_lines(1.8, -1.8), found, CAMERA.size, CAMERA).values
+    values = score_still(road_lines(1.8, -1.8), found, CAMERA.size, CAMERA).values
     np.testing.assert_allclose(np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03)
 
 
 def test_summaries_are_over_lines_and_over_pictures():
     scores = [
-        score_picture(lane(upright(), upright(900)), lane(upright(), upright(900))),
-        score_picture(lane(upright()), lane(without(np.s_[:10]))),
-        score_picture(lines(), lines(upright(), confidence=0.9)),
+        score_still(lane(upright(), upright(900)), lane(upright(), upright(900))),
+        score_still(lane(upright()), lane(without(np.s_[:10]))),
+        score_still(lines(), lines(upright(), confidence=0.9)),
     ]
     row = summarize(scores)
     assert (row["stills"], row["right"]) == (3, pytest.approx(1 / 3))
@@ -195,16 +200,16 @@ def test_summaries_are_over_lines_and_over_pictures():
     assert (row["TuSimple"], row["FN"]) == (pytest.approx((1 + 0.75 + 0) / 3), pytest.approx(0.5 / 3))
 
 
-def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> PictureScore:
+def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> StillScore:
     label = lines(upright(), upright(900)) if labelled else lines()
-    return score_picture(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
+    return score_still(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
 
 
 def test_confidence_is_compared_with_the_share_of_right_lanes():
     pairs = [(0.95, True), (0.9, True), (0.99, False), (0.7, True), (0.5, False), (0.2, True), (None, True)]
     scores = [stated(*pair) for pair in pairs]
     # an unlikely lane where none is labelled is no fault, but it is no right lane either
-    scores += [stated(0.3, True, labelled=False), score_picture(lines(upright(), upright(900)), lines(confidence=0.0))]
+    scores += [stated(0.3, True, labelled=False), score_still(lines(upright(), upright(900)), lines(confidence=0.0))]
     table = reliability(scores)
     assert {name: (row["lanes"], row["right"]) for name, row in table.items()} == {
         "0.9 or more": (3, 2),
@@ -230,8 +235,7 @@ def folder(tmp_path) -> Path:
         labels[0] | {"lanes": road_lines(5.0, -1.7, 1.9).columns.tolist(), "confidence": 0.9},
         labels[2] | {"lanes": good.columns.tolist(), "confidence": 0.8},
     ]
-    for name, entries in (("labels", labels), ("found", found)):
-        (tmp_path / f"{name}.jsonl").write_text("".join(json.dumps(entry) + "\n" for entry in entries))
+    write_lines(tmp_path, labels, found)
     for name in ("a/1.jpg", HOSTILE):
         write_image(tmp_path / name, np.full((720, 1280, 3), 90, np.uint8))
     save_camera(CAMERA, tmp_path / "camera.yaml")
@@ -299,8 +303,7 @@ def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, capsys, labelled, 
     good, name = road_lines(1.8, -1.8), "Fahrt nach Köln/서울 é.png"
     write_image(tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8))
     entry = {"h_samples": good.rows.tolist(), "lanes": good.columns.tolist()}
-    for file, form in (("labels", labelled), ("found", predicted)):
-        (tmp_path / f"{file}.jsonl").write_text(json.dumps({"raw_file": normalize(form, name)} | entry) + "\n")
+    write_lines(tmp_path, *([{"raw_file": normalize(form, name)} | entry] for form in (labelled, predicted)))
     assert score(tmp_path, "-o", tmp_path / "page.html") == 0
     said = capsys.readouterr().out
     assert rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"] and "note:" not in said
@@ -324,9 +327,10 @@ def bend_at(rows: np.ndarray) -> list[list[float]]:
     ],
 )
 def test_other_rows_are_interpolated_or_named(tmp_path, capsys, labelled, predicted, accuracy, notes):
-    for file, rows in (("labels", labelled), ("found", predicted)):
-        entry = {"raw_file": "a.png", "h_samples": rows.tolist(), "lanes": bend_at(rows)}
-        (tmp_path / f"{file}.jsonl").write_text(json.dumps(entry) + "\n")
+    entries = [
+        {"raw_file": "a.png", "h_samples": rows.tolist(), "lanes": bend_at(rows)} for rows in (labelled, predicted)
+    ]
+    write_lines(tmp_path, *([entry] for entry in entries))
     assert score(tmp_path, "-o", tmp_path / "page.html") == 0
     said = capsys.readouterr().out
     assert rows_of(said, "scores")["all"][5] == accuracy

@@ -36,11 +36,7 @@ def test_the_name_decides_what_a_file_is(tmp_path):
     (tmp_path / ".hidden.mp4").touch()
     (tmp_path / "d.partial.7.mp4").touch()
     (tmp_path / "empty").mkdir()
-    for missing, words in (
-        ("no.mp4", "no such file or folder"),
-        ("*.webm", "no such file"),
-        ("empty", "holds neither"),
-    ):
+    for missing, words in {"no.mp4": "no such file or", "*.webm": "no such file", "empty": "holds neither"}.items():
         with pytest.raises(FileNotFoundError, match=words):
             find_sources([f"{tmp_path}/{missing}"])
     (tmp_path / "camera.yaml").write_text("image_width: 640")
@@ -106,8 +102,7 @@ def test_no_image_is_from_behind_the_part(tmp_path):
     with VideoWriter(tmp_path / "hole.mp4", fps=10) as video:
         for number in range(20):
             video.write(np.full((36, 64, 3), 10 * number, np.uint8), number / 10 + (2 if number >= 10 else 0))
-    assert brightness(sample_images([tmp_path / "hole.mp4"], 40, start_s=0.5, end_s=2.5)) == pytest.approx(
-        [50, 70, 90], abs=2
-    )
+    sampled = brightness(sample_images([tmp_path / "hole.mp4"], 40, start_s=0.5, end_s=2.5))
+    assert sampled == pytest.approx([50, 70, 90], abs=2)
     with pytest.raises(VideoError, match="has no frame at or after 1.5 s and before 2.5 s"):
         list(sample_images([tmp_path / "hole.mp4"], 40, start_s=1.5, end_s=2.5))

@@ -12,7 +12,7 @@ from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import estimate_pose
-from lanes.score import score_picture
+from lanes.score import score_still
 from simulator.rendering.render import Frame, render_frame
 from simulator.road.geometry import FLAT
 from simulator.scenes.suite import SUITE
@@ -61,7 +61,7 @@ def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
 def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
     """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
     found = LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows), EGO_SIDES)
-    return bool(score_picture(label, found).right)
+    return bool(score_still(label, found).right)
 
 
 def find_with_own_pose(image: np.ndarray, hfov_deg: float = DEFAULT_HFOV_DEG) -> tuple[Camera | None, Lane | None]:

@@ -1,6 +1,6 @@
 """The report of a drive as one HTML file that works offline in any browser.
 
-A video of up to `MAX_EMBEDDED_BYTES` is embedded, so that the report can be sent by mail. A larger video is linked and
+A video of up to `_MAX_EMBEDDED_BYTES` is embedded, so that the report can be sent by mail. A larger video is linked and
 must stay in the same folder. File names and settings are escaped. A content security policy allows only the page's own
 script, which draws the curves and finds the worst moments in the telemetry of the page.
 """
@@ -29,9 +29,9 @@ from lanes.files import write_atomically
 # Columns by name, arrays (frames,), as `lanes.files.read_telemetry` returns them.
 Telemetry = Mapping[str, np.ndarray]
 # Base64 makes it 4/3 as large: below the limit of most mail servers, 25 MB.
-MAX_EMBEDDED_BYTES = 16_000_000
+_MAX_EMBEDDED_BYTES = 16_000_000
 # Telemetry columns in the page, with their number of decimals.
-PAGE_COLUMNS = {
+_PAGE_COLUMNS = {
     "frame": 0,
     "offset_m": 4,
     "offset_std_m": 4,
@@ -41,7 +41,7 @@ PAGE_COLUMNS = {
     "lane_width_m": 2,
 }
 # Classes of the confidence, best first: name, smallest confidence, words. A lost lane is in the last one.
-LEVELS = (
+_LEVELS = (
     ("sure", SURE_CONFIDENCE, f"confidence {SURE_CONFIDENCE:g} or more"),
     ("likely", LIKELY_CONFIDENCE, f"{LIKELY_CONFIDENCE:g} to {SURE_CONFIDENCE:g}"),
     ("uncertain", LEAST_CONFIDENCE, f"below {LIKELY_CONFIDENCE:g}"),
@@ -58,7 +58,7 @@ def write_report(
     settings: Mapping[str, str],
     warnings: Sequence[str] = (),
     command: str = "",
-    max_embedded_bytes: int = MAX_EMBEDDED_BYTES,
+    max_embedded_bytes: int = _MAX_EMBEDDED_BYTES,
 ) -> Path:
     """Write the report of an annotated mp4 video with its telemetry into its folder; returns the `path`.
 
@@ -79,7 +79,7 @@ def write_report(
         path,
         "report",
         parts,
-        _frames(telemetry) | {"command": command, "levels": {name: words for name, _, words in LEVELS}},
+        _frames(telemetry) | {"command": command, "levels": {name: words for name, _, words in _LEVELS}},
     )
 
 
@@ -106,17 +106,17 @@ def share_tracked(telemetry: Telemetry) -> float:
     return float(np.mean(telemetry["state"] == TRACKING))
 
 
-def confidence_levels(telemetry: Telemetry) -> np.ndarray:
-    """Name (N,) of the class of `LEVELS` of each frame."""
+def _confidence_levels(telemetry: Telemetry) -> np.ndarray:
+    """Name (N,) of the class of `_LEVELS` of each frame."""
     confidence = np.where(telemetry["state"] == LOST, 0.0, telemetry["confidence"])
-    names, least, _ = zip(*LEVELS, strict=True)
+    names, least, _ = zip(*_LEVELS, strict=True)
     return np.array(names)[(confidence[:, None] < least).sum(axis=1)]
 
 
 def describe_shares(telemetry: Telemetry) -> str:
     """How many of the frames have which confidence, as "confidence 0.9 or more in 78%, 0.5 to 0.9 in 9%, ..."."""
-    levels = confidence_levels(telemetry)
-    return ", ".join(f"{words} in {np.mean(levels == name):.0%}" for name, _, words in LEVELS) + " of them"
+    levels = _confidence_levels(telemetry)
+    return ", ".join(f"{words} in {np.mean(levels == name):.0%}" for name, _, words in _LEVELS) + " of them"
 
 
 def seconds_lost(telemetry: Telemetry) -> float:
@@ -166,9 +166,9 @@ def _summary(telemetry: Telemetry) -> str:
 
 
 def _frames(telemetry: Telemetry) -> dict[str, list]:
-    """Data for the script: times since the first frame, texts, `PAGE_COLUMNS`, and where words change."""
+    """Data for the script: times since the first frame, texts, `_PAGE_COLUMNS`, and where words change."""
     time_s = telemetry["time_s"] - telemetry["time_s"][0]
-    columns = {name: _rounded(telemetry[name], digits) for name, digits in PAGE_COLUMNS.items()}
+    columns = {name: _rounded(telemetry[name], digits) for name, digits in _PAGE_COLUMNS.items()}
     words = {
         "left_types": line_types(telemetry, "left"),
         "right_types": line_types(telemetry, "right"),
@@ -176,7 +176,7 @@ def _frames(telemetry: Telemetry) -> dict[str, list]:
         "offset": _words(describe_offset, telemetry["offset_m"], telemetry["offset_std_m"]),
     }
     texts = {name: _texts(telemetry, name).tolist() for name in ("state", "departure")}
-    texts["level"] = confidence_levels(telemetry).tolist()
+    texts["level"] = _confidence_levels(telemetry).tolist()
     changes = {name: _changes(column) for name, column in words.items()}
     return {
         "time_s": _rounded(time_s, 4),

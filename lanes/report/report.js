@@ -22,33 +22,27 @@ function loadVideo() {
   video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
 }
 
-/** Index of the frame shown at a time: the last frame that starts before it. */
-function frameAt(time) {
+/** The last of `count` indices whose value, in ascending order by `valueAt`, is at most `limit`; 0 if none is. */
+function lastUpTo(limit, count, valueAt) {
   let low = 0;
-  let high = last;
+  let high = count - 1;
   while (low < high) {
     const middle = (low + high + 1) >> 1;
-    if (times[middle] <= time + 1e-4) low = middle;
+    if (valueAt(middle) <= limit) low = middle;
     else high = middle - 1;
   }
   return low;
 }
 
+/** Index of the frame shown at a time: the last frame that starts before it. */
+const frameAt = (time) => lastUpTo(time + 1e-4, times.length, (i) => times[i]);
+
+/** The words in frame i; `changes` has an entry [first frame, words] for each change. */
+const wordsAt = (changes, i) => changes[lastUpTo(i, changes.length, (k) => changes[k][0])][1];
+
 function clock(time) {
   const tenths = Math.round(time * 10);
   return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
-}
-
-/** The words in frame i; `changes` has an entry [first frame, words] for each change. */
-function wordsAt(changes, i) {
-  let low = 0;
-  let high = changes.length - 1;
-  while (low < high) {
-    const middle = (low + high + 1) >> 1;
-    if (changes[middle][0] <= i) low = middle;
-    else high = middle - 1;
-  }
-  return changes[low][1];
 }
 
 function show() {

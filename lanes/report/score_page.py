@@ -12,14 +12,14 @@ from lanes.describe import number_cells
 from lanes.images import read_image
 from lanes.labels import find_picture
 from lanes.report.page import fill_page
-from lanes.score import PictureScore, Table
+from lanes.score import StillScore, Table
 
 # Largest size of the stills in the page, and their JPEG quality: about 100 kB each.
-MAX_SIZE_PX, JPEG_QUALITY = (960, 960), 80
+_MAX_SIZE_PX, _JPEG_QUALITY = (960, 960), 80
 
 
 def write_score_page(
-    path: Path, folder: Path, scores: Sequence[PictureScore], tables: Mapping[str, Table], words: Mapping[str, str]
+    path: Path, folder: Path, scores: Sequence[StillScore], tables: Mapping[str, Table], words: Mapping[str, str]
 ) -> Path:
     """Write the page of scores of stills in a folder, with their `score_tables`, a title and notes; returns `path`."""
     stills = [
@@ -29,15 +29,15 @@ def write_score_page(
     return fill_page(path, "score", {name: escape(text) for name, text in words.items()}, data)
 
 
-def _still(score: PictureScore, picture: Path) -> dict:
-    """A still with its lines for the script; without JPEG data if the picture is not there."""
+def _still(score: StillScore, picture: Path) -> dict:
+    """A still with its lines for the script; without JPEG data if its file is missing."""
     from PIL import Image
 
     jpeg = BytesIO()
     if picture.is_file():
         image = Image.fromarray(read_image(picture))
-        image.thumbnail(MAX_SIZE_PX)
-        image.save(jpeg, "JPEG", quality=JPEG_QUALITY)
+        image.thumbnail(_MAX_SIZE_PX)
+        image.save(jpeg, "JPEG", quality=_JPEG_QUALITY)
     lanes = [(lane.rows, lane.columns, lane.ego_lane(score.size).columns) for lane in (score.label, score.prediction)]
     return {
         "name": score.label.name,

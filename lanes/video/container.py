@@ -1,8 +1,9 @@
-"""Video files opened through PyAV (FFmpeg inside this process): their packets, frames, rate and clock."""
+"""Video files opened through PyAV (FFmpeg inside this process): their packets, and what one pass over these says."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from pathlib import Path
@@ -15,11 +16,11 @@ from av.sidedata.sidedata import Type as SideDataType
 
 from lanes.errors import VideoError
 from lanes.files import require_file
-from lanes.images import MAX_PIXELS, upright_axes
+from lanes.images import MAX_PIXELS, is_transposed, upright_axes
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.
-FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
+_FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
 # Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of presentation times are wrong for
 # reordered frames and at gaps; players show a frame at the place of the packet that completes it.
 _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
@@ -39,17 +40,66 @@ MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
 _MIN_RATE_SHARE = 0.9
 # The rate is constant if average rate and base rate differ by a smaller share than this.
 _SAME_RATE = 0.02
-NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
+# Largest ratio of a pixel's width to its height, and of its height to its width.
+_MAX_PIXEL_ASPECT = 4
+# Frames that are stored farther than this from their place in time are outliers: no codec reorders so many.
+_MAX_REORDERED = 16
+# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
+_CUT_OFF_S = 0.5
+# EXIF orientations that mirror the stored image; players show it so.
+_MIRRORED = (2, 4, 5, 7)
+_NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """Properties of a video file.
+
+    Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
+    announces or the time stamps have gaps for, but that are not in the file.
+    """
+
+    width: int
+    height: int
+    fps: float
+    frames: int
+    duration_s: float
+    has_audio: bool
+    missing: int = 0
+    topic: str | None = None  # of the images in a robot log
+    orientation: int = 1  # in EXIF, as the display matrix says
+    note: str = ""  # what was changed of the times of a robot log, in words
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the display matrix mirrors the stored images, as players show it."""
+        return self.orientation in _MIRRORED
+
+
+@dataclass(frozen=True, eq=False)
+class VideoIndex:
+    """What one pass over the packets of a video says.
+
+    `rate` is in frames per second; `constant_rate` says whether that is also the rate of the steps. `start_s` is the
+    presentation time of the first frame on the container's clock; it may be damaged. `stamps` (N,) are those of the
+    frames that are shown, sorted.
+    """
+
+    info: VideoInfo
+    rate: Fraction
+    constant_rate: bool
+    start_s: Fraction
+    stamps: np.ndarray
 
 
 def open_video(path: str | Path) -> InputContainer:
     """Open a video file; FFmpeg cannot open any other file or address named in it.
 
-    Raises FileNotFoundError, or VideoError if it is not a video of one of `FORMATS` or claims more than `MAX_PIXELS`.
+    Raises FileNotFoundError, or VideoError if it is not a video of one of `_FORMATS` or claims more than `MAX_PIXELS`.
     """
     path = require_file(path, "video", error=VideoError)
     # FFmpeg decodes the first frames while it opens a file: the limit applies to these, and below to all others.
-    options = {"protocol_whitelist": "file", "format_whitelist": FORMATS, "max_pixels": str(MAX_PIXELS)}
+    options = {"protocol_whitelist": "file", "format_whitelist": _FORMATS, "max_pixels": str(MAX_PIXELS)}
     try:
         # Without the prefix a name such as "concat:a.mp4" would select a protocol.
         container = av.open(f"file:{path}", options=options)
@@ -58,10 +108,14 @@ def open_video(path: str | Path) -> InputContainer:
             f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
             "again, or convert it to mp4."
         ) from error
-    if fault := _describe_fault(container):
+    streams = container.streams
+    if not streams.video or streams.video[0].codec_context is None:
+        kinds = " and ".join(sorted({stream.type for stream in streams})) or "none"
+        without = f"holds no frame of a video (its streams: {kinds}); name a video file."
+        fault = _NOT_DECODED if streams.video else without
         container.close()
         raise VideoError(f"{path}: {fault}")
-    container.streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
+    streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
     return container
 
 
@@ -97,32 +151,103 @@ def frame_orientation(frame: av.VideoFrame) -> int:
 
 
 def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
-    """The packets of these or all streams; a file that is damaged after some packets ends there."""
+    """The packets of these or all streams; a file that is damaged after some packets ends there.
+
+    Raises VideoError if it is damaged before.
+    """
     count = 0
     try:
         for packet in container.demux(*streams):
             yield packet
             count += 1
-    except av.FFmpegError:
-        if not count:
-            raise
-
-
-def translate_errors(items: Iterator, path: str | Path) -> Iterator:
-    """The same items; FFmpeg's errors become a VideoError that names `path`."""
-    try:
-        yield from items
     except av.FFmpegError as error:
-        raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
+        if not count:
+            path = container.name.removeprefix("file:")
+            raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
 
 
-def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
+def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
+    """The index of a video, made once for calls in a row; one frame is decoded.
+
+    If not the `whole` file is needed, it is read up to the first frame, unless its rate includes jumps in time: `info`
+    and `stamps` are those of the packets up to there. A file that was cut off has its frames up to there. Raises
+    FileNotFoundError, or VideoError if the file is empty, not a video, without frames, or without a usable frame rate.
+    """
+    file = require_file(path, "video", error=VideoError).stat()
+    return _index_video(str(path), whole, file.st_mtime_ns, file.st_size)
+
+
+@lru_cache(maxsize=16)
+def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
+    with open_video(path) as container:
+        stream, stored, end_s, early, first = container.streams.video[0], 0, 0.0, 0, None
+        shown: list[tuple[int | None, int | None]] = []  # time stamps of presentation and of decoding
+        for packet in read_packets(container):
+            if packet.pts is not None:
+                end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+            if packet.stream is stream:
+                stored += packet.size > 0
+                # A clip cut without re-encoding begins with frames that are only references for later ones.
+                if packet.size and not packet.is_discard:
+                    shown.append((packet.pts, packet.dts))
+                if first is None:
+                    early, first = len(shown), next(decode_packet(packet), None)
+                if first is not None and not whole and not _has_jumps(stream):
+                    break
+        if first is None:
+            raise VideoError(f"{path}: {_NOT_DECODED}")
+        stamps = np.sort([pts for pts, _ in shown if pts is not None])
+        rate = _frame_rate(stream, stamps, path)
+        constant = stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < _SAME_RATE
+        length_s, gaps = _measure_stamps([pts for pts, _ in shown], rate, stream.time_base, constant)
+        orientation = frame_orientation(first)
+        width, height = square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
+        info = VideoInfo(
+            width=width,
+            height=height,
+            fps=float(rate),
+            frames=len(shown),
+            duration_s=round(length_s, 6),
+            has_audio=bool(container.streams.audio),
+            missing=max(stream.frames - stored, gaps + _count_cut_off(container, rate, end_s)),
+            orientation=orientation,
+        )
+        return VideoIndex(info, rate, constant, _start_s(container, shown[:early], first), stamps)
+
+
+def _start_s(container: InputContainer, packets: Sequence[tuple], first: av.VideoFrame) -> Fraction:
+    """Presentation time of the first frame by the stamps of the packets up to that which completes it, seconds.
+
+    FFmpeg's own start time is that of the first five seconds, where a video may begin later than its sound.
+    """
+    stream, placed = container.streams.video[0], container.format.name in _WITHOUT_PRESENTATION_TIMES
+    stamps = [dts if placed else pts for pts, dts in packets if pts is not None]
+    if placed and stream.codec_context.has_b_frames and first.dts is not None:
+        stamps = [first.dts]
+    return min((stamp for stamp in stamps if stamp is not None), default=0) * (stream.time_base or Fraction(0))
+
+
+def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
+    """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
+    aspect = stream.sample_aspect_ratio or Fraction(1)
+    if not 1 / _MAX_PIXEL_ASPECT <= aspect <= _MAX_PIXEL_ASPECT:  # nonsense
+        aspect = Fraction(1)
+    return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
+
+
+def _has_jumps(stream: av.VideoStream) -> bool:
+    """Whether the average rate of a stream is so low that it may include jumps in time."""
+    rate = stream.average_rate or stream.guessed_rate or MIN_FPS
+    return rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate)
+
+
+def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
     """Frames per second, without jumps in time; raises VideoError if there is no frame rate, or one not usable."""
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
-    if rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate):
-        steps = np.diff(frame_stamps(path))
+    if _has_jumps(stream):
+        steps = np.diff(stamps)
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():
             rate = Fraction(1 / float(usual.mean() * stream.time_base)).limit_denominator(1001)
@@ -131,55 +256,42 @@ def frame_rate(stream: av.VideoStream, path: str | Path) -> Fraction:
     return rate
 
 
-def rate_is_constant(rate: Fraction, stream: av.VideoStream) -> bool:
-    """Whether the average rate of a stream is also that of its steps."""
-    return stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < _SAME_RATE
+def _measure_stamps(
+    stamps: Sequence[int | None], rate: Fraction, tick: Fraction | None, constant_rate: bool
+) -> tuple[float, int]:
+    """Length in seconds from the first frame to the end of the last, and number of frames missing in between.
 
-
-def frame_stamps(path: str | Path) -> np.ndarray:
-    """Time stamps (N,) of the frames that are shown, sorted; the file is read once for calls in a row."""
-    file = Path(path).stat()
-    return _sorted_stamps(str(path), file.st_mtime_ns, file.st_size)
-
-
-@lru_cache(maxsize=2)
-def _sorted_stamps(path: str, *version: int) -> np.ndarray:
-    with open_video(path) as container:
-        packets = read_packets(container, container.streams.video[0])
-        return np.sort([p.pts for p in packets if p.size and not p.is_discard and p.pts is not None])
-
-
-def start_time(path: str | Path) -> Fraction:
-    """Presentation time of a video's first frame on the container's clock, seconds; it may be damaged.
-
-    The packets are read for it, once for calls in a row: FFmpeg looks at the first five seconds only, where a video may
-    begin later than its sound.
+    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers do not count, nor do the holes
+    between two recordings.
     """
-    file = Path(path).stat()
-    return _start_time(str(path), file.st_mtime_ns, file.st_size)
+    known, length_s = [pts for pts in stamps if pts is not None], float(len(stamps) / rate)
+    if tick is None or not known or len(known) < len(stamps):
+        return length_s, 0
+    # in frames; floats, because thousands of fractions take longer than to read the file
+    order = np.argsort(known, kind="stable")
+    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > _MAX_REORDERED
+    if away.mean() < MAX_SHORT_SHARE:
+        places = places[~away]
+    steps = np.diff(places)
+    steps[steps > CLOCK_SET_S * float(rate)] = 1
+    if not constant_rate or (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
+        return (float((steps.sum() + 1) / rate) if (steps > JUMP_FRAMES).any() else length_s), 0
+    gaps = np.maximum(np.rint(steps) - 1, 0)
+    length, outliers = len(places) + int(gaps.sum()), len(known) - len(places)
+    return float(length / rate), max(count_missing(gaps) - outliers, 0)
 
 
-@lru_cache(maxsize=16)
-def _start_time(path: str, *version: int) -> Fraction:
-    with open_video(path) as container:
-        stream, stamps = container.streams.video[0], []
-        placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
-        for packet in read_packets(container, stream):
-            if packet.size and not packet.is_discard and packet.pts is not None:
-                stamps.append(packet.dts if placed else packet.pts)
-            if first := next(decode_packet(packet), None):
-                if placed and stream.codec_context.has_b_frames and first.dts is not None:
-                    stamps = [first.dts]
-                break
-        return min((stamp for stamp in stamps if stamp is not None), default=0) * (stream.time_base or Fraction(0))
+def count_missing(gaps: np.ndarray) -> int:
+    """Number of frames missing in `gaps` (N,) between frames; longer ones than `JUMP_FRAMES` are no loss."""
+    return int(gaps[gaps <= JUMP_FRAMES].sum())
 
 
-def _describe_fault(container: InputContainer) -> str:
-    """What is wrong with a file without a video stream or a decoder for it; else empty."""
-    if not container.streams.video:
-        kinds = " and ".join(sorted({stream.type for stream in container.streams})) or "none"
-        return f"holds no frame of a video (its streams: {kinds}); name a video file."
-    return NOT_DECODED if container.streams.video[0].codec_context is None else ""
+def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
+    """Number of frames that the header announces beyond the last packet, at `end_s`."""
+    # In Matroska and NUT the duration counts from zero, in all others from the first packet.
+    begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
+    cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
+    return round(cut_off_s * rate) if cut_off_s > _CUT_OFF_S else 0
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:

@@ -35,7 +35,7 @@ _COMMON = ("rgb8", "bgr8", "rgba8", "bgra8", "mono8", "bayer_*8", "the same with
 _VIDEO_CODECS = re.compile(r"\b(h\.?26[45]|avc|hevc|av1|vp[89]|theora)\b", re.IGNORECASE)
 # Codecs of foxglove.CompressedVideo: FFmpeg's names, and of the units (NAL) of an image that needs no other one the
 # position of their type in the first byte, and the types.
-CODECS = {"h264": ("h264", 0, (5,)), "h265": ("hevc", 1, range(16, 22)), "vp9": ("vp9", 0, ()), "av1": ("av1", 0, ())}
+_CODECS = {"h264": ("h264", 0, (5,)), "h265": ("hevc", 1, range(16, 22)), "vp9": ("vp9", 0, ()), "av1": ("av1", 0, ())}
 
 
 def decode_image(message: Any, name: str = "image", *, bits: int | None = None) -> np.ndarray | None:
@@ -119,9 +119,9 @@ def decode_video(messages: Iterable[tuple[int, Any]], codec: str, name: str) -> 
 
     Raises VideoError about `name` if the codec is not known.
     """
-    if codec not in CODECS:
-        raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(CODECS)}, or images.")
-    context: Any = av.CodecContext.create(CODECS[codec][0], "r")
+    if codec not in _CODECS:
+        raise VideoError(f"{name} is a video in {codec!r}; record {', '.join(_CODECS)}, or images.")
+    context: Any = av.CodecContext.create(_CODECS[codec][0], "r")
     context.thread_count = 1  # more would hold frames back
     context.options = {"max_pixels": str(MAX_PIXELS)}
     for index, message in chain(messages, [(0, None)]):
@@ -136,7 +136,7 @@ def decode_video(messages: Iterable[tuple[int, Any]], codec: str, name: str) -> 
 
 def is_key_frame(data: Any, codec: str) -> bool:
     """Whether the frame in the data of a message can be decoded without those before it; unknown ones are not."""
-    _, shift, types = CODECS.get(codec, ("", 0, ()))
+    _, shift, types = _CODECS.get(codec, ("", 0, ()))
     mask = 0x1F if shift == 0 else 0x3F
     units = re.finditer(rb"\x00\x00\x01(.)", bytes(data), re.DOTALL)
     return any((unit[1][0] >> shift) & mask in types for unit in units)

@@ -21,7 +21,8 @@ from tqdm import tqdm
 
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, translate_write_errors
-from lanes.video.reader import TimedFrame, VideoInfo, count_missing, inspect_video, read_timed_frames
+from lanes.video.container import VideoInfo, count_missing
+from lanes.video.reader import TimedFrame, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter
 
 Row = Mapping[str, object]

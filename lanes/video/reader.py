@@ -16,66 +16,31 @@ from pathlib import Path
 
 import av
 import numpy as np
-from av.container import InputContainer
 from av.video.reformatter import VideoReformatter
 
 from lanes.errors import ByValue, VideoError, require_number
-from lanes.images import is_transposed, make_upright
+from lanes.images import make_upright
 from lanes.video.container import (
     CLOCK_RESET_S,
     CLOCK_SET_S,
     JUMP_FRAMES,
     MAX_OUTLIERS,
-    MAX_SHORT_SHARE,
-    MIN_STEP,
-    NOT_DECODED,
+    VideoIndex,
+    VideoInfo,
     decode_frames,
-    decode_packet,
     frame_orientation,
-    frame_rate,
-    frame_stamps,
+    index_video,
     open_video,
-    rate_is_constant,
-    read_packets,
-    start_time,
-    translate_errors,
+    square_size,
 )
 from lanes.video.robot_log import index_log, is_robot_log, read_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
-# Largest ratio of a pixel's width to its height, and of its height to its width.
-_MAX_PIXEL_ASPECT = 4
-# Frames that are stored farther than this from their place in time are outliers: no codec reorders so many.
-_MAX_REORDERED = 16
-# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
-_CUT_OFF_S = 0.5
-# EXIF orientations that mirror the stored image; players show it so.
-_MIRRORED = (2, 4, 5, 7)
 MIRRORED_WORDS = (
     "is shown mirrored, as its display matrix says: if the road is mirrored, too, left and right are exchanged; remove "
     "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
 )
-
-
-@dataclass(frozen=True)
-class VideoInfo:
-    """Properties of a video file.
-
-    Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
-    announces or the time stamps have gaps for, but that are not in the file.
-    """
-
-    width: int
-    height: int
-    fps: float
-    frames: int
-    duration_s: float
-    has_audio: bool
-    missing: int = 0
-    topic: str | None = None  # of the images in a robot log
-    mirrored: bool = False  # by the display matrix, as players show it
-    note: str = ""  # what was changed of the times of a robot log, in words
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,58 +62,12 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     A file that was cut off has its frames up to there. `topic` is that of the images in a robot log, by default the
     only one. Raises FileNotFoundError, or VideoError if the file is empty, not a video, or without frames.
     """
-    if is_robot_log(path):
-        log = index_log(path, topic)
-        count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
-        missing = int(log.numbers[-1]) + 1 - count
-        return VideoInfo(*log.size, log.fps, count, length_s, False, missing, topic=log.topic, note=log.note)
-    with open_video(path) as container:
-        stream = container.streams.video[0]
-        stored, stamps, end_s, first = 0, [], 0.0, None
-        for packet in read_packets(container):
-            if packet.pts is not None:
-                end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
-            if packet.stream is stream:
-                stored += packet.size > 0
-                # A clip cut without re-encoding begins with frames that are only references for later ones.
-                if packet.size and not packet.is_discard:
-                    stamps.append(packet.pts)
-                first = first or next(decode_packet(packet), None)
-        if first is None:
-            raise VideoError(f"{path}: {NOT_DECODED}")
-        rate = frame_rate(stream, path)
-        length_s, gaps = _measure_stamps(stamps, rate, stream)
-        cut_off = _count_cut_off(container, rate, end_s)
-        orientation = frame_orientation(first)
-        width, height = _square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
-        return VideoInfo(
-            width=width,
-            height=height,
-            fps=float(rate),
-            frames=len(stamps),
-            duration_s=round(length_s, 6),
-            has_audio=bool(container.streams.audio),
-            missing=max(stream.frames - stored, gaps + cut_off),
-            mirrored=orientation in _MIRRORED,
-        )
-
-
-def inspect_turn(path: str | Path) -> int:
-    """The EXIF orientation that a video's display matrix stands for, 1 to 8."""
-    if is_robot_log(path):
-        return 1
-    with open_video(path) as container:
-        frame = next(decode_frames(container, container.streams.video[0]), None)
-        return 1 if frame is None else frame_orientation(frame)
-
-
-def _read_log(path: str | Path, start_s: float, end_s: float | None, topic: str | None) -> Iterator[TimedFrame]:
-    log, until_s, last_s = index_log(path, topic), math.inf if end_s is None else end_s, None
-    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
-    for index, image in read_log(path, log, first, end):
-        number, time_s = log.numbers[index].item(), log.times_s[index].item()
-        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
-        last_s = time_s
+    if not is_robot_log(path):
+        return index_video(path).info
+    log = index_log(path, topic)
+    count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
+    missing = int(log.numbers[-1]) + 1 - count
+    return VideoInfo(*log.size, log.fps, count, length_s, False, missing, topic=log.topic, note=log.note)
 
 
 def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
@@ -171,44 +90,52 @@ def read_timed_frames(
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
         raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
-    frame = None
-    frames = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
-    for frame in translate_errors(frames, path):
-        yield frame
-    if frame is None:
+    last_s = None
+    read = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
+    for number, time_s, image in read:
+        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+        last_s = time_s
+    if last_s is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
         raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
 
 
-def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[TimedFrame]:
-    last: TimedFrame | None = None
-    with closing(_frames_from(path, start_s)) as frames:
+def _read_log(
+    path: str | Path, start_s: float, end_s: float | None, topic: str | None
+) -> Iterator[tuple[int, float, np.ndarray]]:
+    log, until_s = index_log(path, topic), math.inf if end_s is None else end_s
+    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
+    for index, image in read_log(path, log, first, end):
+        yield log.numbers[index].item(), log.times_s[index].item(), image
+
+
+def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[tuple[int, float, np.ndarray]]:
+    index, number = index_video(path, whole=False), None
+    converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
+    with closing(_frames_from(path, index, start_s)) as frames:
         for frame, time_s, stream in frames:
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
                 break
-            if last is None:
-                rate, size = frame_rate(stream, path), _square_size(frame, stream)
-                converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
-                even = rate_is_constant(rate, stream)
-                number = round(time_s * rate)
-                if not even and start_s > 0 and frame.pts is not None:
-                    number = int(np.searchsorted(frame_stamps(path), frame.pts))
+            place = round(time_s * index.rate)
+            if number is not None:
+                number = max(number + 1, place if index.constant_rate else 0)
             else:
-                number = max(last.number + 1, round(time_s * rate)) if even else last.number + 1
-            elapsed_s = None if last is None else float(time_s) - last.time_s
-            last = TimedFrame(number, float(time_s), _upright_rgb(frame, size, converter, path), elapsed_s)
-            yield last
+                number, size = place, square_size(frame, stream)
+                if not index.constant_rate and start_s > 0 and frame.pts is not None:
+                    number = int(np.searchsorted(index_video(path).stamps, frame.pts))
+            yield number, float(time_s), _upright_rgb(frame, size, converter, path)
 
 
-def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
+def _frames_from(
+    path: str | Path, index: VideoIndex, start_s: float
+) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
     """Frames with their times and their stream, from a key frame before `start_s` on.
 
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with few key frames, they are from
     the first one on.
     """
-    zero_s = start_time(path)
     for seek in (True, False) if start_s > 1 else (False,):
         with open_video(path) as container:
             stream = container.streams.video[0]
@@ -216,11 +143,11 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
             if seek:
                 try:
                     # one second early, because some containers seek coarsely
-                    at_s = start_s - 1 + zero_s
+                    at_s = start_s - 1 + index.start_s
                     container.seek(int(at_s / (stream.time_base or Fraction(1))), stream=stream)
                 except av.FFmpegError:  # a raw stream
                     continue
-            frames = _timed(decode_frames(container, stream), zero_s, frame_rate(stream, path), path)
+            frames = _timed(decode_frames(container, stream), index, path)
             first = next(frames, None)
             if first is None or (seek and first[1] > start_s - STAMP_TOLERANCE_S):
                 continue
@@ -229,12 +156,12 @@ def _frames_from(path: str | Path, start_s: float) -> Generator[tuple[av.VideoFr
 
 
 def _timed(
-    frames: Iterator[av.VideoFrame], zero_s: Fraction, rate: Fraction, path: str | Path
+    frames: Iterator[av.VideoFrame], index: VideoIndex, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames with their times in seconds since the first, at `zero_s`, monotonic; VideoError if the size changes."""
+    """Frames with their times in seconds since the first one, monotonic; VideoError if the size changes."""
     size: tuple[int, int] | None = None
     last_s: Fraction | None = None
-    shift_s = Fraction(0)
+    zero_s = index.start_s
     ahead: deque[av.VideoFrame] = deque()  # looked at where the time stamps leave their order
     while frame := ahead.popleft() if ahead else next(frames, None):
         size = size or (frame.width, frame.height)
@@ -244,13 +171,13 @@ def _timed(
                 f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
             )
         # Only raw streams have no time stamps, and they have no gaps.
-        after_s = Fraction(0) if last_s is None else last_s + 1 / rate
-        time_s = _stamp_s(frame, zero_s - shift_s, after_s)
+        after_s = Fraction(0) if last_s is None else last_s + 1 / index.rate
+        time_s = _stamp_s(frame, zero_s, after_s)
         if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
             ahead.extend(islice(frames, MAX_OUTLIERS - len(ahead)))
-            time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s - shift_s, after_s) for f in ahead])
+            time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s, after_s) for f in ahead])
             if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
-                shift_s += after_s - time_s
+                zero_s -= after_s - time_s
                 time_s = after_s
         last_s = time_s if last_s is None else max(time_s, last_s)
         yield frame, last_s
@@ -284,53 +211,8 @@ def _upright_rgb(
     return make_upright(image, frame_orientation(frame))
 
 
-def _square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
-    """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
-    aspect = stream.sample_aspect_ratio or Fraction(1)
-    if not 1 / _MAX_PIXEL_ASPECT <= aspect <= _MAX_PIXEL_ASPECT:  # nonsense
-        aspect = Fraction(1)
-    return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
-
-
-def _measure_stamps(stamps: list[int | None], rate: Fraction, stream: av.VideoStream) -> tuple[float, int]:
-    """Length in seconds from the first frame to the end of the last, and number of frames missing in between.
-
-    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers do not count, nor do the holes
-    between two recordings.
-    """
-    tick, known, length_s = stream.time_base, [pts for pts in stamps if pts is not None], float(len(stamps) / rate)
-    if tick is None or not known or len(known) < len(stamps):
-        return length_s, 0
-    # in frames; floats, because thousands of fractions take longer than to read the file
-    order = np.argsort(known, kind="stable")
-    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > _MAX_REORDERED
-    if away.mean() < MAX_SHORT_SHARE:
-        places = places[~away]
-    steps = np.diff(places)
-    steps[steps > CLOCK_SET_S * float(rate)] = 1
-    jumps = steps > JUMP_FRAMES
-    if not rate_is_constant(rate, stream) or (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
-        return (float((steps.sum() + 1) / rate) if jumps.any() else length_s), 0
-    gaps = np.maximum(np.rint(steps) - 1, 0)
-    length, outliers = len(places) + int(gaps.sum()), len(known) - len(places)
-    return float(length / rate), max(count_missing(gaps) - outliers, 0)
-
-
-def count_missing(gaps: np.ndarray) -> int:
-    """Number of frames missing in `gaps` (N,) between frames; longer ones than `JUMP_FRAMES` are no loss."""
-    return int(gaps[gaps <= JUMP_FRAMES].sum())
-
-
 def describe_jumps(time_s: np.ndarray, fps: float) -> str:
     """What jumps in the times (N,) of frames mean, in words; empty without any."""
     jumps = np.flatnonzero(np.diff(time_s) * fps > JUMP_FRAMES)
     where = ", ".join(f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s" for k in jumps[:5])
     return f"its clock jumps {where}: another recording begins there, and the tracker starts again" if where else ""
-
-
-def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
-    """Number of frames that the header announces beyond the last packet, at `end_s`."""
-    # In Matroska and NUT the duration counts from zero, in all others from the first packet.
-    begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
-    cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
-    return round(cut_off_s * rate) if cut_off_s > _CUT_OFF_S else 0

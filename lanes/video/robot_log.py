@@ -75,35 +75,28 @@ class Topic:
         return re.split(r"[./]", self.type_name)[-1]
 
 
+# An open file: its channels, each a key and a topic, which has several if several programs write to it; and a function
+# that yields (time of the recording in ns, data) of the channels with some keys from a time in ns on.
+_OpenFile = tuple[list[tuple[Any, Topic]], Callable[[list[Any], int], Iterator[tuple[int, bytes]]]]
+
+
 class LogReader:
     """Topics and messages of an open log, which may have several files."""
 
     def __init__(self, files: list[_OpenFile]) -> None:
         self._files = files
         self.topics: dict[str, Topic] = {}
-        for _, topic in (channel for file in files for channel in file.channels):
+        for _, topic in (channel for channels, _ in files for channel in channels):
             before = self.topics.get(topic.name)
             self.topics[topic.name] = replace(topic, count=topic.count + (before.count if before else 0))
 
     def messages(self, topic: str, start_ns: int = 0) -> Iterator[tuple[int, Any]]:
         """(time of the recording in ns, message) on a topic, recorded not before `start_ns`, in the log's order."""
         decode = _decoder(self.topics[topic])
-        for file in self._files:
-            keys = [key for key, of_channel in file.channels if of_channel.name == topic]
-            for time_ns, data in file.read(keys, start_ns) if keys else ():
+        for channels, read in self._files:
+            keys = [key for key, of_channel in channels if of_channel.name == topic]
+            for time_ns, data in read(keys, start_ns) if keys else ():
                 yield time_ns, decode(data)
-
-
-@dataclass(frozen=True)
-class _OpenFile:
-    """The channels of a file, each with its key, and a function that reads those of some keys from a time on.
-
-    A topic has several channels if several programs write to it. The function yields (time of the recording in ns,
-    data).
-    """
-
-    channels: list[tuple[Any, Topic]]
-    read: Callable[[list[Any], int], Iterator[tuple[int, bytes]]]
 
 
 def is_robot_log(path: str | Path) -> bool:
@@ -169,7 +162,7 @@ def _open_bag(path: Path, opened: ExitStack) -> _OpenFile:
     def read(connections: list[Any], start_ns: int) -> Iterator[tuple[int, bytes]]:
         return ((time_ns, data) for _, time_ns, data in bag.messages(connections, start=start_ns))
 
-    return _OpenFile([(c, Topic(c.topic, c.msgtype, "ros1", c.msgcount)) for c in bag.connections], read)
+    return [(c, Topic(c.topic, c.msgtype, "ros1", c.msgcount)) for c in bag.connections], read
 
 
 def _open_database(path: Path, opened: ExitStack) -> _OpenFile:
@@ -191,7 +184,7 @@ def _open_database(path: Path, opened: ExitStack) -> _OpenFile:
         which = f"topic_id IN ({','.join('?' * len(numbers))}) AND timestamp >= ? ORDER BY timestamp, id"
         return database.execute(f"SELECT timestamp, data FROM messages WHERE {which}", [*numbers, start_ns])
 
-    return _OpenFile([(n, Topic(name, kind, encoding, counts.get(n, 0))) for n, name, kind, encoding in rows], read)
+    return [(n, Topic(name, kind, encoding, counts.get(n, 0))) for n, name, kind, encoding in rows], read
 
 
 def _open_mcap(path: Path, opened: ExitStack) -> _OpenFile:
@@ -218,9 +211,7 @@ def _open_mcap(path: Path, opened: ExitStack) -> _OpenFile:
         found = [(schema, channel) for schema, channel, _ in messages()]
         counts, channels = Counter(channel.id for _, channel in found), {pair[1].id: pair for pair in found}
     kinds = [(schema.name if schema else "", c) for schema, c in channels.values()]
-    return _OpenFile(
-        [(c.topic, Topic(c.topic, kind, c.message_encoding, counts.get(c.id, 0))) for kind, c in kinds], read
-    )
+    return [(c.topic, Topic(c.topic, kind, c.message_encoding, counts.get(c.id, 0))) for kind, c in kinds], read
 
 
 _OPENERS = {".bag": _open_bag, ".db3": _open_database, ".mcap": _open_mcap}
@@ -286,7 +277,7 @@ def _parse_protobuf(data: bytes, fields: dict[int, tuple[str, type]]) -> SimpleN
 # Types of messages with an image each, and others of videos.
 _IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")
 _OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
-PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
+_PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
 # Encodings of messages that are read.
 _READ = ("cdr", "ros1", "protobuf", "json")
 # A stamp is an outlier if it is farther than this from the median of those of five images.
@@ -458,7 +449,7 @@ def _usual_rate(steps_s: np.ndarray) -> float:
 
 def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> str:
     known = [t for t in topics.values() if t.count]
-    images = sorted(t.name for t in known if t.kind in _IMAGE_KINDS and t.package in PACKAGES and t.encoding in _READ)
+    images = sorted(t.name for t in known if t.kind in _IMAGE_KINDS and t.package in _PACKAGES and t.encoding in _READ)
     if topic in images or (topic is None and len({name.removesuffix("/compressed") for name in images}) == 1):
         return topic or images[0]  # raw images come before their compressed copies
     there, remedy = ", ".join(images) or "no topic", "choose one of them with --topic" if images else "name another log"

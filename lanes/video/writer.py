@@ -24,17 +24,16 @@ from lanes.video.container import (
     MAX_FPS,
     MIN_FPS,
     decode_packet,
+    index_video,
     open_video,
     read_packets,
-    start_time,
-    translate_errors,
 )
 from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
 
 # Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
 _COPIED_CODECS, _SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
 # x264's default for constant quality.
-CRF = 23
+_CRF = 23
 # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are as
 # fast as any other number on two cores.
 _ENCODER_THREADS = 4
@@ -207,8 +206,8 @@ class _SoundTrack:
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
         """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
-        path = self._source.name.removeprefix("file:")
-        zero_s = self._start_s + float(start_time(path))
+        index = index_video(self._source.name.removeprefix("file:"), whole=False)
+        zero_s = self._start_s + float(index.start_s)
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
         pieces: Iterator[Any] = read_packets(self._source, sound)
@@ -216,7 +215,7 @@ class _SoundTrack:
             pieces = chain.from_iterable(map(decode_packet, pieces))
         output = self._encoder or self._target.add_stream_from_template(sound)
         last_s = -math.inf
-        for piece in translate_errors(pieces, path):
+        for piece in pieces:
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s
@@ -240,7 +239,7 @@ def open_mp4(
     """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
     container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
     # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720).
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(CRF)})
+    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": str(_CRF)})
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"

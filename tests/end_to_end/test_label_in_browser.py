@@ -17,7 +17,7 @@ from lanes.detect.lane import columns_at
 from lanes.images import write_image
 from lanes.label.curve import label_rows
 from lanes.labels import EGO_SIDES, NO_POINT, read_labels
-from lanes.score import score_picture
+from lanes.score import score_still
 from tests.support.browser import needs_browser, open_browser
 from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
 from tests.support.painted_drive import BENDS
@@ -91,7 +91,7 @@ def test_stills_labelled_with_the_mouse_are_like_the_truth(page, folder):
         replace(label, columns=np.where(label.columns >= 0, truth(time_s), NO_POINT), sides=EGO_SIDES)
         for label, time_s in zip(labels, TIMES_S, strict=True)
     ]
-    scores = [score_picture(*pair, BENDS.camera.size) for pair in zip(labels, by_hand, strict=True)]
+    scores = [score_still(*pair, BENDS.camera.size) for pair in zip(labels, by_hand, strict=True)]
     assert [one.right for one in scores] == [True] * len(TIMES_S)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from lanes.images import write_image
 from lanes.labels import LaneColumns
 from lanes.report.score_page import write_score_page
-from lanes.score import score_picture, score_tables
+from lanes.score import score_still, score_tables
 from tests.support.browser import needs_browser, open_browser
 
 pytestmark = needs_browser
@@ -19,7 +19,7 @@ def test_page_shows_tables_and_lines_and_runs_no_text(tmp_path):
     write_image(tmp_path / HOSTILE, np.full((720, 1280, 3), 90, np.uint8))
     lines = np.array([np.where(ROWS == 500, -2.0, column) for column in (300, 900)])
     labels = [LaneColumns(name, ROWS, lines) for name in (HOSTILE, "gone.png")]
-    scores = [score_picture(label, LaneColumns("", ROWS, lines[:1] + shift)) for label, shift in zip(labels, (90, 0))]  # noqa: B905
+    scores = [score_still(label, LaneColumns("", ROWS, lines[:1] + shift)) for label, shift in zip(labels, (90, 0))]  # noqa: B905
     words = {"title": HOSTILE, "notes": "note: <b>one</b> & {{data}}\n"}
     page = write_score_page(tmp_path / "score.html", tmp_path, scores, score_tables(scores), words)
     with open_browser() as browser:

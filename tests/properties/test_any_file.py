@@ -16,7 +16,7 @@ from lanes.camera import CalibrationReport, camera_to_dict, load_camera
 from lanes.errors import CameraError
 from lanes.files import read_telemetry
 from lanes.labels import LaneColumns, read_labels, read_predictions
-from lanes.score import score_picture
+from lanes.score import score_still
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA
 
@@ -106,7 +106,7 @@ def test_lanes_in_json_lines(path, data):
     for lanes in (*labels, *found):
         assert lanes.ego_lane((1280, 720)).columns.shape == (2, len(lanes.rows))
         for pair in ((lanes, label), (label, lanes)):
-            assert 0 <= score_picture(*pair).values["ego accuracy"][0] <= 1 or len(lanes.rows)
+            assert 0 <= score_still(*pair).values["ego accuracy"][0] <= 1 or len(lanes.rows)
 
 
 @examples(40)

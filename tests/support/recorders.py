@@ -8,11 +8,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory, timestamp_pb2
 from mcap.writer import CompressionType, Writer
-
-from tests.support.robot_logs import ROS1, ROS2
 
 _KINDS = descriptor_pb2.FieldDescriptorProto
 # Fields of Foxglove's schemas that are written: name, number and type.
@@ -88,17 +85,3 @@ def write_mcap(
                 writer.add_message(channel, time_ns, data, time_ns, sequence)
         writer.finish()
     return path
-
-
-def serialize_ros(message: Any, *, ros1: bool = False) -> bytes:
-    """A message of ROS in CDR, or as ROS 1 does."""
-    kind = message.__msgtype__
-    return bytes((ROS1.serialize_ros1 if ros1 else ROS2.serialize_cdr)(message, kind))
-
-
-def jpeg(image: np.ndarray) -> bytes:
-    """An RGB image as JPEG with little loss."""
-    import cv2
-
-    options = [cv2.IMWRITE_JPEG_QUALITY, 98]
-    return cv2.imencode(".jpg", cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options)[1].tobytes()

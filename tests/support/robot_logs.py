@@ -14,8 +14,12 @@ from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
 from lanes.camera import Camera
+from lanes.video.reader import read_timed_frames
 
 BEGIN_NS = 1_700_000_000_250_000_000
+# Images of one shade each, and the times of a log of them.
+TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
+TINY_TIMES_S = np.arange(6) / 10
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
 # OpenCV's conversions from RGB to encodings of raw images, and bytes per pixel.
 FROM_RGB = {
@@ -30,6 +34,11 @@ FROM_RGB = {
 def stamps_at(times_s: Sequence[float]) -> list[int]:
     """Header stamps of images at these times, ns."""
     return [BEGIN_NS + round(1e9 * time_s) for time_s in times_s]
+
+
+def shades(path: Path, **options: Any) -> list[float]:
+    """Mean grey of each frame."""
+    return [float(frame.image.mean()) for frame in read_timed_frames(path, **options)]
 
 
 def make_header(stamp_ns: int, types: Any = ROS2.types) -> Any:
@@ -51,6 +60,11 @@ def make_image(image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: 
     return types["sensor_msgs/msg/Image"](header, height, width, encoding, 0, width * channels + pad, data)
 
 
+def stamp_images(images: Sequence[np.ndarray], stamps: Sequence[int], *options: Any) -> list[tuple[int, Any]]:
+    """(header stamp, message) of each image, as many as there are of both; `options` are those of `make_image`."""
+    return [(stamp, make_image(image, stamp, *options)) for image, stamp in zip(images, stamps, strict=False)]
+
+
 def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **changes: Any) -> Any:
     """The calibration of a camera as a message; `changes` are fields by their names in ROS 2."""
     fields: dict[str, Any] = {
@@ -69,29 +83,29 @@ def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **c
     return types["sensor_msgs/msg/CameraInfo"](*(fields | changes).values())
 
 
-def write_messages(path: Path, topics: Mapping[str, Sequence[tuple[int, Any]]]) -> Path:
+def write_messages(
+    path: Path, topics: Mapping[str, Sequence[tuple[int, Any]]], *, mcap: bool = False, compression: str = "NONE"
+) -> Path:
     """Write (time of the recording in ns, message) of each topic to a log of the kind of its suffix; returns the path.
 
-    Without a suffix it is the folder of a ROS 2 bag in SQLite.
+    Without a suffix it is the folder of a ROS 2 bag, in SQLite or MCAP, with a `compression` of rosbag2 by its name.
     """
-    if path.suffix == ".bag":
-        with rosbag1.Writer(path) as writer:
-            for topic, messages in topics.items():
-                kind = messages[0][1].__msgtype__
-                connection = writer.add_connection(topic, kind, typestore=ROS1)
-                for time_ns, message in messages:
-                    writer.write(connection, time_ns, ROS1.serialize_ros1(message, kind))
-        return path
-    plugin = rosbag2.StoragePlugin.MCAP if path.suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    ros1, mcap = path.suffix == ".bag", mcap or path.suffix == ".mcap"
+    plugin = rosbag2.StoragePlugin.MCAP if mcap else rosbag2.StoragePlugin.SQLITE3
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent, "log") if path.suffix else path
-        with rosbag2.Writer(folder, version=9, storage_plugin=plugin) as writer:
+        bag = rosbag1.Writer(path) if ros1 else rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+        store = ROS1 if ros1 else ROS2
+        if not ros1:
+            bag.set_compression(rosbag2.CompressionMode[compression], rosbag2.CompressionFormat.ZSTD)
+        serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+        with bag as writer:
             for topic, messages in topics.items():
                 kind = messages[0][1].__msgtype__
-                connection = writer.add_connection(topic, kind, typestore=ROS2)
+                connection = writer.add_connection(topic, kind, typestore=store)
                 for time_ns, message in messages:
-                    writer.write(connection, time_ns, ROS2.serialize_cdr(message, kind))
-        if path.suffix:
+                    writer.write(connection, time_ns, serialize(message, kind))
+        if path.suffix and not ros1:
             shutil.copyfile(folder / f"log{path.suffix}", path)
     return path
 
@@ -111,7 +125,7 @@ def write_log(
     types = (ROS1 if path.suffix == ".bag" else ROS2).types
     stamps = stamps_at(times_s)
     recorded = [stamp + delay_ns + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
-    made = [make_image(image, stamp, encoding, types, pad) for image, stamp in zip(images, stamps, strict=True)]
+    made = (message for _, message in stamp_images(images, stamps, encoding, types, pad))
     topics = {topic: list(zip(recorded, made, strict=True))}
     if camera:
         topics[topic.rpartition("/")[0] + "/camera_info"] = [(recorded[0], make_camera_info(camera, stamps[0], types))]

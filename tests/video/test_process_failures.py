@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import re
-import signal
-import subprocess
-import sys
 import threading
 from contextlib import suppress
 from fractions import Fraction
@@ -19,7 +16,6 @@ from lanes.camera import Camera, undistort
 from lanes.errors import LaneError, PictureError, VideoError
 from lanes.video.process import process_video
 from lanes.video.writer import VideoWriter
-from tests.support.project import ROOT
 from tests.video.sample_videos import numbered, unchanged
 
 
@@ -48,25 +44,6 @@ def test_exception_in_the_function(video, earlier, error):
         process_video(video, earlier, function, progress=False)
     if isinstance(error, ZeroDivisionError):
         assert f"frame 19 of {video}" in caught.value.__notes__[0]
-
-
-def test_interrupted(video, earlier, sigint):
-    code = (
-        "import sys, time\n"
-        "from lanes.video.process import process_video\n"
-        "def slow(image):\n"
-        "    print('frame', flush=True)\n"
-        "    time.sleep(0.05)\n"
-        "    return image\n"
-        "process_video(sys.argv[1], sys.argv[2], slow)\n"
-    )
-    command = [sys.executable, "-c", code, str(video), str(earlier)]
-    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as run:
-        for _ in range(5):
-            assert run.stdout.readline() == "frame\n"
-        assert (earlier.parent / "drive.partial.mp4").is_file()
-        run.send_signal(signal.SIGINT)
-        assert run.wait(timeout=20) == -signal.SIGINT
 
 
 def test_a_refused_frame_is_named(video, tmp_path):
