@@ -347,7 +347,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
     warnings = _find_warnings(info, camera, settings, telemetry)
-    other_poses = _describe_other_poses(telemetry, pose.pose) if pose else []
+    other_poses = _describe_other_poses(telemetry, camera.require_pose())
     if not other_poses:  # with another pose for a part of the drive, its angles cannot be compared
         warnings += _find_moved_camera(pose, telemetry)
     if info.has_audio and not written.has_audio:
@@ -364,13 +364,13 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             command=_explain_command(video, settings),
         )
         outputs += (page,)
-    lines = [pose.describe(), pose.describe_accuracy(), *other_poses] if pose else []
+    lines = [pose.describe(), pose.describe_accuracy()] if pose else []
     lines.append(
         f"{video}: {count} frames{more}, {describe_shares(telemetry)}; lost for {seconds_lost(telemetry):.1f} s"
         f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
-    lines += [f"{video}: {warning}" for warning in warnings]
+    lines += [f"{video}: {words}" for words in (*other_poses, *warnings)]
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 

@@ -175,7 +175,8 @@ def test_a_moved_camera_is_reported_with_the_time_on_the_clock_of_the_video(tmp_
     (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
     words = r"seems to have moved after (9|10|11) s: .* (1\.[7-9]|2\.\d) deg farther down"
     assert re.search(words, result.description)
-    other_pose = lambda fps, camera, *_, **options: LaneTracker(replace(camera), fps=fps)  # noqa: E731
+    higher = lambda camera: camera.with_pose(replace(camera.pose, height_m=1.01 * camera.pose.height_m))  # noqa: E731
+    other_pose = lambda fps, camera, *_, **options: LaneTracker(higher(camera), fps=fps)  # noqa: E731
     monkeypatch.setattr("lanes.drive.make_tracker", other_pose)
     (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4)
     assert "seems to have moved" not in result.description
