@@ -10,15 +10,16 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, camera_to_dict
+from lanes.camera import camera_to_dict
 from lanes.files import translate_write_errors, write_atomically
 from lanes.images import write_image
-from simulator.processes import available_workers, run_all
+from simulator.processes import run_all
 from simulator.scenes.dashcam import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
@@ -66,6 +67,11 @@ class BoardView:
     falloff: tuple[float, float] = (0.0, 0.0)
     extra_px: int = 0
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the photograph."""
+        return DASHCAM.width + self.extra_px, DASHCAM.height + self.extra_px
+
 
 BOARD_VIEWS = (
     BoardView(CREAM_WALL, 652, 436, 1165, 1.5, -2, 0.4, (200, -100, 900, 0.10), (0.06, 0.05)),
@@ -103,9 +109,7 @@ def write_boards(
     # a folder that cannot be made is reported before the images are rendered
     with translate_write_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    boards = run_all(
-        _seeded_board, list(enumerate(BOARD_VIEWS, 1)), workers=workers or available_workers(), progress=progress
-    )
+    boards = run_all(_seeded_board, list(enumerate(BOARD_VIEWS, 1)), workers=workers, progress=progress)
     written = []
     truth: dict = {"camera": camera_to_dict(DASHCAM), "pattern": [INNER_COLUMNS, INNER_ROWS], "boards": {}}
     for number, (view, board) in enumerate(zip(BOARD_VIEWS, boards, strict=True), 1):
@@ -120,66 +124,60 @@ def _seeded_board(seed_and_view: tuple[int, BoardView]) -> np.ndarray:
     return render_board(seed_and_view[1], seed=seed_and_view[0])
 
 
-def render_board(view: BoardView, *, seed: int = 0, camera: Camera = DASHCAM) -> np.ndarray:
+def render_board(view: BoardView, *, seed: int = 0) -> np.ndarray:
     """Photograph of the board (height, width, 3), uint8 RGB; `seed` is for wall, paper and sensor noise."""
     rng = np.random.default_rng(seed)
-    size = _picture_size(view, camera)
-    x, y = _wall_coordinates(view, camera, size)
-    light = _illumination(view, size)
-    scene = _wall(view, x, y, rng) * light[..., None]
-    paper, coverage = _sheet(view, x, y, rng)
-    scene += coverage[..., None] * (paper * light[..., None] - scene)
+    x, y = _wall_coordinates(view)
+    glow = _glow(view)
+    light = _illumination(view, glow)[..., None]
+    scene = _wall(view, x, y, glow, rng) * light
+    paper, coverage = _sheet(view, x, y, glow, rng)
+    scene += coverage[..., None] * (paper * light - scene)
     return _expose(scene, view.wall.noise, rng)
 
 
-def true_corners(view: BoardView, camera: Camera = DASHCAM) -> np.ndarray:
+def true_corners(view: BoardView) -> np.ndarray:
     """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the image."""
-    turn, shift = _board_pose(view, camera)
+    turn, shift = _board_pose(view)
     column, row = np.meshgrid(
         np.arange(INNER_COLUMNS) - (INNER_COLUMNS - 1) / 2, np.arange(INNER_ROWS) - (INNER_ROWS - 1) / 2
     )
     points = np.column_stack([column.ravel(), row.ravel(), np.zeros(column.size)]) * SQUARE_M
-    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, camera.matrix, camera.distortion)
+    pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, DASHCAM.matrix, DASHCAM.distortion)
     return pixels.reshape(-1, 2)
 
 
 def _board_truth(view: BoardView) -> dict:
-    width, height = _picture_size(view, DASHCAM)
-    corners = true_corners(view)
-    inside = ((corners >= 0) & (corners <= [width - 1, height - 1])).all(axis=1)
+    corners, size = true_corners(view), view.size
+    inside = ((corners >= 0) & (corners <= np.subtract(size, 1))).all(axis=1)
     return {
-        "width": width,
-        "height": height,
+        "width": size[0],
+        "height": size[1],
         "corners_px": np.round(corners, 3).tolist(),
         "inside": inside.astype(int).tolist(),
     }
 
 
-def _picture_size(view: BoardView, camera: Camera) -> tuple[int, int]:
-    return camera.width + view.extra_px, camera.height + view.extra_px
-
-
-def _board_pose(view: BoardView, camera: Camera) -> tuple[np.ndarray, np.ndarray]:
+def _board_pose(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     """Rotation (3, 3) and translation (3,) in metres from sheet (x right, y down, origin at its centre) to camera."""
     turn, tilt, roll = np.radians([view.turn_deg, view.tilt_deg, view.roll_deg])
     about_x = np.array([[1, 0, 0], [0, np.cos(tilt), -np.sin(tilt)], [0, np.sin(tilt), np.cos(tilt)]])
     about_y = np.array([[np.cos(turn), 0, np.sin(turn)], [0, 1, 0], [-np.sin(turn), 0, np.cos(turn)]])
     about_z = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1]])
-    distance = camera.matrix[0, 0] * (INNER_COLUMNS + 1) * SQUARE_M / view.span_px
-    return about_z @ about_y @ about_x, distance * camera.rays(np.array([[view.u, view.v]]))[0]
+    distance = DASHCAM.matrix[0, 0] * (INNER_COLUMNS + 1) * SQUARE_M / view.span_px
+    return about_z @ about_y @ about_x, distance * DASHCAM.rays(np.array([[view.u, view.v]]))[0]
 
 
 @lru_cache(maxsize=2)
-def _pixel_rays(camera: Camera, size: tuple[int, int]) -> np.ndarray:
+def _pixel_rays(size: tuple[int, int]) -> np.ndarray:
     """Ray directions (height, width, 3) of all pixels; cached, because inverting the distortion is slow."""
-    u, v = np.meshgrid(np.arange(size[0], dtype=float), np.arange(size[1], dtype=float))
-    return camera.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
+    u, v = np.meshgrid(*map(np.arange, size))
+    return DASHCAM.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
 
 
-def _wall_coordinates(view: BoardView, camera: Camera, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     """Points of the wall seen by each pixel: x and y (height, width) in metres from the centre of the sheet."""
-    turn, shift = _board_pose(view, camera)
-    rays = _pixel_rays(camera, size)
+    (turn, shift), rays = _board_pose(view), _pixel_rays(view.size)
     normal = turn[:, 2]
     # A ray nearly parallel to the wall is given a far intersection, where there is only paint.
     slope = np.maximum(rays @ normal, 1e-2)
@@ -187,32 +185,30 @@ def _wall_coordinates(view: BoardView, camera: Camera, size: tuple[int, int]) ->
     return hit @ turn[:, 0], hit @ turn[:, 1]
 
 
-def _illumination(view: BoardView, size: tuple[int, int]) -> np.ndarray:
+def _illumination(view: BoardView, glow: np.ndarray) -> np.ndarray:
     """Brightness (height, width): fall-off, glow of the lamp, and vignetting."""
-    u, v = np.meshgrid(np.linspace(-1, 1, size[0]), np.linspace(-1, 1, size[1]))
+    u, v = np.meshgrid(*(np.linspace(-1, 1, side) for side in view.size))
     falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
     vignette = 1 - 0.07 * (u**2 + v**2)
-    return falloff * vignette + 0.25 * _glow(view, size)
+    return falloff * vignette + 0.25 * glow
 
 
-def _glow(view: BoardView, size: tuple[int, int]) -> np.ndarray:
+def _glow(view: BoardView) -> np.ndarray:
     """Reflection of the lamp (height, width), with the wide tails of satin paint."""
     lamp_u, lamp_v, reach, strength = view.lamp
-    u, v = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
+    u, v = np.meshgrid(*map(np.arange, view.size))
     squared = ((u - lamp_u) ** 2 + (1.3 * (v - lamp_v)) ** 2) / reach**2
     return strength / (1 + squared) ** 2
 
 
-def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, glow: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Colour (height, width, 3) of the painted wall, with relief of the plaster and soft shadow of the sheet."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     footprint = float(np.median(np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)))) / WALL_TEXEL_M
     plaster = _blur_to_footprint(_plaster(), footprint)
     relief = np.clip(_sample(plaster, x / WALL_TEXEL_M + start[0], y / WALL_TEXEL_M + start[1]), -4, 4)
     # Satin paint reflects the lamp in the lamp's colour, on slopes that face it.
-    glow = _glow(view, x.shape[::-1])
-    glint = 1 + 4 * glow
-    shade = 1 + view.wall.relief * 0.055 * relief * glint
+    shade = 1 + view.wall.relief * 0.055 * relief * (1 + 4 * glow)
     # The sheet is a few millimetres off the wall, more at its lower edge.
     distance = _outside(x - 0.0015, y - 0.0025)
     shade *= 1 - 0.34 * np.exp(-np.maximum(distance, 0) / 0.0022)
@@ -220,7 +216,9 @@ def _wall(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generato
     return np.clip(shade, 0.2, 2.0)[..., None] * np.array(view.wall.paint) + reflection
 
 
-def _sheet(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _sheet(
+    view: BoardView, x: np.ndarray, y: np.ndarray, glow: np.ndarray, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """Colour (height, width, 3) of the printed sheet, and its coverage (height, width) of each pixel."""
     start = rng.uniform(0, WALL_TEXELS, 2)
     ripple = _sample(_ripples(), x / 0.002 + start[0], y / 0.002 + start[1])
@@ -230,12 +228,12 @@ def _sheet(view: BoardView, x: np.ndarray, y: np.ndarray, rng: np.random.Generat
     # Paper is not quite flat: shading varies by 1 to 2 %, more at the border, which lifts off the wall.
     shade = 1 + 0.012 * ripple + 0.05 * ripple * np.exp(np.minimum(edge, 0) / 0.006)
     ink = _ink(x, y)[..., None]
-    sheen = 0.02 * _glow(view, x.shape[::-1])[..., None]
+    sheen = 0.02 * glow[..., None]
     return shade[..., None] * (np.array(view.wall.paper) * (1 - ink) + (view.wall.ink + sheen) * ink), coverage
 
 
-def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
-    """Black share (height, width) of each pixel's footprint on the sheet, from samples x samples points."""
+def _ink(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Black share (height, width) of each pixel's footprint on the sheet, from 4 x 4 points."""
     across, down = x / SQUARE_M + (INNER_COLUMNS + 1) / 2, y / SQUARE_M + (INNER_ROWS + 1) / 2
     near = (np.abs(across - (INNER_COLUMNS + 1) / 2) < INNER_COLUMNS / 2 + 1) & (
         np.abs(down - (INNER_ROWS + 1) / 2) < INNER_ROWS / 2 + 1
@@ -243,14 +241,12 @@ def _ink(x: np.ndarray, y: np.ndarray, samples: int = 4) -> np.ndarray:
     a, a_u, a_v, b, b_u, b_v = (
         values[near] for field in (across, down) for values in (field, *np.gradient(field)[::-1])
     )
-    black = np.zeros_like(a)
-    for dv in (np.arange(samples) + 0.5) / samples - 0.5:
-        for du in (np.arange(samples) + 0.5) / samples - 0.5:
-            column, row = np.floor(a + du * a_u + dv * a_v), np.floor(b + du * b_u + dv * b_v)
-            printed = (column >= 0) & (column <= INNER_COLUMNS) & (row >= 0) & (row <= INNER_ROWS)
-            black += printed & ((column + row) % 2 == 0)
-    ink = np.zeros_like(x)
-    ink[near] = black / samples**2
+    ink, black = np.zeros_like(x), np.zeros_like(a)
+    for dv, du in product((-0.375, -0.125, 0.125, 0.375), repeat=2):
+        column, row = np.floor(a + du * a_u + dv * a_v), np.floor(b + du * b_u + dv * b_v)
+        printed = (column >= 0) & (column <= INNER_COLUMNS) & (row >= 0) & (row <= INNER_ROWS)
+        black += printed & ((column + row) % 2 == 0)
+    ink[near] = black / 16
     return ink
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from lanes.camera import Camera, CameraPose
 from simulator.rendering.drive import Motion
-from simulator.road.geometry import RoadGeometry, VehiclePose, offset_point
+from simulator.road.geometry import RoadGeometry, offset_point
 from simulator.road.truth import Truth, lane_truth
 
 # Length and period of the dashes of an American motorway.
@@ -67,7 +67,7 @@ class PaintedDrive:
     """A road with stripes on it, and the car's motion along it.
 
     `lane_m` are the lateral positions of the ego lane's lines at the start. Between the times `black_s` (from, to) all
-    frames are black; between the times `drift_s` the car changes its lateral position by `drift_mps` on average.
+    frames are black.
     """
 
     road: RoadGeometry
@@ -81,34 +81,23 @@ class PaintedDrive:
     contrast: float = 1.0
     black_s: tuple[float, float] = (np.inf, np.inf)
     seed: int = 0
-    drift_mps: float = 0.0
-    drift_s: tuple[float, float] = (np.inf, np.inf)
 
-    def pose(self, time_s: float) -> VehiclePose:
-        """Position on the road; the drift moves the car sideways, as in a lane change."""
-        pose = self.motion.pose(time_s)
-        begin, end = self.drift_s
-        if time_s <= begin:
-            return pose
-        share = min((time_s - begin) / (end - begin), 1.0)
-        distance = self.drift_mps * (end - begin)
-        lateral = pose.lateral_m + distance * (share - np.sin(2 * np.pi * share) / (2 * np.pi))
-        speed = self.drift_mps * (1 - np.cos(2 * np.pi * share)) if share < 1 else 0.0
-        return VehiclePose(pose.s_m, lateral, pose.heading_rad + float(np.arctan(speed / self.motion.speed_mps)))
+    def camera_at(self, time_s: float) -> Camera:
+        """Camera with the pitch at a time."""
+        pose = self.camera.require_pose()
+        return self.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s)))
 
     def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
         """Ground truth of the frame at `time_s`."""
-        pitch = self.camera.require_pose().pitch_rad + self.motion.pitch(time_s)
-        return lane_truth(self.road, self.pose(time_s), lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch)
+        pose, pitch_rad = self.motion.pose(time_s), self.camera_at(time_s).require_pose().pitch_rad
+        return lane_truth(self.road, pose, lane_m or self.lane_m, time_s=time_s, pitch_rad=pitch_rad)
 
     def frame(self, time_s: float) -> np.ndarray:
         """The frame (height, width, 3) uint8 at `time_s`; the sky is as grey as the road."""
         height, width = self.camera.height, self.camera.width
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
-        pose, camera_pose = self.pose(time_s), self.camera.require_pose()
-        tilted = replace(camera_pose, pitch_rad=camera_pose.pitch_rad + self.motion.pitch(time_s))
-        camera = self.camera.with_pose(tilted)
+        pose, camera = self.motion.pose(time_s), self.camera_at(time_s)
         # the reference line and its normal in the car's frame; all stripes are offsets along that normal
         base, left_1_m = (pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d)) for d in (0.0, 1.0))
         image = np.full((height, width, 3), GREY[0], np.uint8)

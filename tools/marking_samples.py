@@ -26,7 +26,7 @@ from simulator.objects.scene_objects import PlacedWall
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
 from simulator.road.ground import Ground, cast_on_ground, pixel_rays
-from simulator.road.markings import Marking, paint_coverage
+from simulator.road.markings import Marking
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
 from simulator.scenes.suite import SUITE
@@ -160,17 +160,17 @@ def _mark_ground(drive: Drive, markings: tuple[Marking, ...], time_s: float) -> 
     edges = drive.surface.left_edge_m, drive.surface.right_edge_m, *(drive.surface.opposite_m or ())
     borders = tuple(Marking(edge_m, 2 * BORDER_HALF_WIDTH_M) for edge_m in edges)
     lines = tuple(replace(m, botts=False) for m in markings if max(m.colour) >= PAINT_FROM)
-    shares = [_coverage(some, ground, truth.pose.s_m) for some in (lines, borders)]
+    shares = [_coverage(some, ground) for some in (lines, borders)]
     picture = np.zeros((camera.height, camera.width, 3), np.uint8)
     picture[ground.top :, :, :2] = np.rint(255 * np.stack(shares, axis=-1))
     return picture
 
 
-def _coverage(markings: tuple[Marking, ...], ground: Ground, station_m: float) -> np.ndarray:
+def _coverage(markings: tuple[Marking, ...], ground: Ground) -> np.ndarray:
     """Largest share (rows, width) of each pixel of the ground that one of the markings covers."""
     share = np.zeros(ground.d.shape, np.float32)
     for marking in markings:
-        pixels, covered = paint_coverage(marking, ground, station_m=station_m)
+        pixels, covered = marking.coverage(ground)
         np.maximum.at(share.ravel(), pixels, np.clip(covered, 0, 1))
     return share
 

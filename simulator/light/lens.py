@@ -63,12 +63,12 @@ def develop(light: np.ndarray, lens: Lens, *, road_light: float, seed: int) -> n
     height, width = light.shape[:2]
     gain = np.float32(2.0**lens.exposure * (REFERENCE_LUMINANCE / max(road_light, 0.002)) ** lens.adaptation)
     light = cv2.GaussianBlur(light, (0, 0), lens.blur_px) if lens.blur_px else light
-    light = light * cv2.merge([gain * _vignette(height, width, lens.vignette)] * 3)
-    # The square root of light has photon noise of constant variance.
-    root = np.sqrt(np.clip(light, 0, MAX_LIGHT))
+    root: np.ndarray = light * cv2.merge([gain * _vignette(height, width, lens.vignette)] * 3)
+    # The square root of light has photon noise of constant variance. In place, because the image is large.
+    np.sqrt(np.clip(root, 0, MAX_LIGHT, out=root), out=root)
     root += np.float32(lens.noise / 2) * _noise(height, width, seed)
     root *= np.float32((TONE_STEPS - 1) / np.sqrt(MAX_LIGHT))
-    image = cv2.LUT(np.clip(root, 0, TONE_STEPS - 1).astype(np.uint16), _tone_curve())
+    image = cv2.LUT(np.clip(root, 0, TONE_STEPS - 1, out=root).astype(np.uint16), _tone_curve())
     if lens.sharpening:
         image = cv2.addWeighted(image, 1 + lens.sharpening, cv2.GaussianBlur(image, (0, 0), 1.1), -lens.sharpening, 0)
     return _blur_chroma(image, lens.chroma_blur_px) if lens.chroma_blur_px else image

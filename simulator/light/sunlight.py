@@ -54,6 +54,24 @@ class TreeShade:
     high_m: float
     density: float = 0.8
 
+    def sunlight(self, ground: Ground, seed: int) -> np.ndarray:
+        """Share of sunlight below a crown: noise with a threshold that depends on the distance from the centre."""
+        sides = ((ground.along, self.start_m, self.end_m), (ground.d, self.low_m, self.high_m))
+        along, across = ((x - np.float32((low + high) / 2)) * np.float32(2 / (high - low)) for x, low, high in sides)
+        middle = 1 - along**2 - across**2
+        # No cluster farther out is dense enough to cast a shadow.
+        near = np.flatnonzero(middle > -CROWN_CUTOFF)
+        arrays = (ground.along, ground.d, ground.footprint_s, middle)
+        s, d, footprint, middle = (array.ravel()[near] for array in arrays)
+        cloudy = band_noise_tile(seed + 31, octaves=3)
+        clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(footprint, 4.0)
+        leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(footprint, 0.5)
+        level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
+        share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
+        sun = np.ones(ground.s.shape, np.float32)
+        sun.ravel()[near] -= np.float32(self.density) * share * share * (3 - 2 * share)
+        return sun
+
 
 @dataclass(frozen=True)
 class WoodShade:
@@ -62,6 +80,19 @@ class WoodShade:
     start_m: float
     end_m: float
     flecks: float = 0.04
+
+    def sunlight(self, ground: Ground, seed: int) -> np.ndarray:
+        """Share of sunlight in a wood: sun flecks stretched along the road, and irregular ends of the shade."""
+        s, footprint = ground.along, ground.footprint_s
+        cloudy = band_noise_tile(seed + 41, octaves=4)
+        gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
+        # Normal noise exceeds this quantile on the share `flecks` of the ground.
+        level = np.float32(NormalDist().inv_cdf(1 - self.flecks))
+        flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
+        flecks += (1 - fade(footprint, 1.6)) * (np.float32(self.flecks) - flecks)
+        inside = np.minimum(s - np.float32(self.start_m), np.float32(self.end_m) - s) + np.float32(1.5) * gaps
+        closed = np.clip(inside / 2 + 0.5, 0, 1)
+        return 1 - closed * (1 - np.float32(0.85) * flecks)
 
 
 @dataclass(frozen=True)
@@ -75,6 +106,22 @@ class BridgeShade:
     end_m: float
     skew: float = 0.0
     clearance_m: float = 5.0
+
+    def sunlight(self, ground: Ground, seed: int) -> np.ndarray:
+        """Share of sunlight (rows, width): none below the bridge."""
+        t = ground.along - np.float32(self.skew) * ground.d
+        # The sun is half a degree wide, so the shadow of an edge at 6 m is soft over 6 cm or more.
+        soft = np.float32(0.1)
+        return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, self.start_m, self.end_m)
+
+    def blocked_sky(self, t: np.ndarray | np.floating) -> np.ndarray:
+        """Share of skylight that an infinite strip overhead blocks, at positions `t` along the road.
+
+        It is half the difference of the sines of the directions to its edges: the view factor of a strip and a
+        parallel plate.
+        """
+        sines = [(edge - t) / np.hypot(edge - t, np.float32(self.clearance_m)) for edge in (self.start_m, self.end_m)]
+        return (sines[1] - sines[0]).astype(np.float32) / 2
 
 
 Shade = TreeShade | WoodShade | BridgeShade
@@ -92,45 +139,36 @@ def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
     return direct[:, None] * np.array([1.02, 1.0, 0.95]) + sky + road
 
 
-def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float, seed: int) -> np.ndarray:
+def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, seed: int) -> np.ndarray:
     """Share of sunlight on the ground of each pixel (rows, width) float32: 1 in the open, 0 in full shade."""
-    s = ground.s + np.float32(station_m)
+    s = ground.along
     sun = np.ones_like(s)
     for number, shade in enumerate(shades):
         rows = np.flatnonzero(((s > shade.start_m - 12) & (s < shade.end_m + 12)).any(axis=1))
         if not len(rows):
             continue
         cut = slice(rows[0], rows[-1] + 1)
-        part = ground.crop(cut)
-        if isinstance(shade, BridgeShade):
-            sun[cut] *= _under_bridge(shade, part, s[cut])
-        elif isinstance(shade, WoodShade):
-            sun[cut] *= _in_wood(shade, part, s[cut], seed + number)
-        else:
-            sun[cut] *= _under_tree(shade, part, s[cut], seed + number)
+        sun[cut] *= shade.sunlight(ground.crop(cut), seed + number)
     return sun
 
 
-def sky_on_ground(shades: tuple[Shade, ...], ground: Ground, *, station_m: float) -> np.ndarray | None:
-    """Share of skylight on the ground of each pixel (rows, width) float32; None without a bridge."""
-    bridges = [shade for shade in shades if isinstance(shade, BridgeShade)]
-    if not bridges:
-        return None
-    share = np.ones_like(ground.s)
-    for shade in bridges:
-        t = ground.s + np.float32(station_m) - np.float32(shade.skew) * ground.d
-        share -= blocked_sky(shade, t)
+def sky_on_ground(shades: tuple[Shade, ...], ground: Ground) -> np.ndarray | np.floating:
+    """Share of skylight on the ground of each pixel (rows, width) float32; a single 1 without a bridge."""
+    share: np.ndarray | np.floating = np.float32(1)
+    for shade in (shade for shade in shades if isinstance(shade, BridgeShade)):
+        t = ground.along - np.float32(shade.skew) * ground.d
+        share = share - shade.blocked_sky(t)
     return np.maximum(share, np.float32(BOUNCED_SHARE))
 
 
 def sun_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
     """Share of sunlight (N,) at road coordinates `s_m`, `d_m` (N,), averaged over the leaves."""
-    return sunlight_on_ground(shades, _points(s_m, d_m), station_m=0.0, seed=seed)[:, 0]
+    return sunlight_on_ground(shades, _points(s_m, d_m), seed=seed)[:, 0]
 
 
 def light_along(shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int) -> np.ndarray:
     """Irradiance (N, 3) relative to open ground at `s_m`, `d_m` (N,), averaged over the leaves."""
-    sky = sky_on_ground(shades, _points(s_m, d_m), station_m=0.0)
+    sky = sky_on_ground(shades, _points(s_m, d_m))
     return light_on_ground(sun_along(shades, s_m, d_m, seed=seed)[:, None], sky)[:, 0]
 
 
@@ -138,59 +176,9 @@ def _points(s_m: np.ndarray, d_m: np.ndarray) -> Ground:
     """Points as ground of one column, with footprints so large that leaves average out."""
     s, d = (np.asarray(x, np.float32)[:, None] for x in (s_m, d_m))
     wide, none = np.full_like(s, 2.0), np.zeros_like(s)
-    return Ground(0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
+    return Ground(0, 0.0, np.ones(s.shape, bool), s, s, d, s, d, none, wide, wide, none)
 
 
-def light_on_ground(sun: np.ndarray, sky: np.ndarray | None = None) -> np.ndarray:
+def light_on_ground(sun: np.ndarray, sky: np.ndarray | np.floating) -> np.ndarray:
     """Irradiance (rows, width, 3) float32 relative to open ground, from the shares of sunlight and skylight."""
-    if sky is None:
-        return cv2.merge([share + sun * (1 - share) for share in SKY_SHARE])
     return cv2.merge([share * sky + sun * (1 - share) for share in SKY_SHARE])
-
-
-def _under_bridge(shade: BridgeShade, ground: Ground, s: np.ndarray) -> np.ndarray:
-    t = s - np.float32(shade.skew) * ground.d
-    # The sun is half a degree wide, so the shadow of an edge at 6 m is soft over 6 cm or more.
-    soft = np.float32(0.1)
-    return 1 - strip_coverage(t, np.abs(ground.s_u) + soft, ground.s_v, shade.start_m, shade.end_m)
-
-
-def blocked_sky(shade: BridgeShade, t: np.ndarray | np.floating) -> np.ndarray:
-    """Share of skylight that an infinite strip overhead blocks, at positions `t` along the road.
-
-    It is half the difference of the sines of the directions to its edges (view factor of a strip and a parallel plate).
-    """
-    sines = [(edge - t) / np.hypot(edge - t, np.float32(shade.clearance_m)) for edge in (shade.start_m, shade.end_m)]
-    return (sines[1] - sines[0]).astype(np.float32) / 2
-
-
-def _in_wood(shade: WoodShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
-    """Share of sunlight in a wood: sun flecks stretched along the road, and irregular ends of the shade."""
-    footprint = ground.footprint_s
-    cloudy = band_noise_tile(seed + 41, octaves=4)
-    gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
-    # Normal noise exceeds this quantile on the share `flecks` of the ground.
-    level = np.float32(NormalDist().inv_cdf(1 - shade.flecks))
-    flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
-    flecks += (1 - fade(footprint, 1.6)) * (np.float32(shade.flecks) - flecks)
-    inside = np.minimum(s - np.float32(shade.start_m), np.float32(shade.end_m) - s) + np.float32(1.5) * gaps
-    closed = np.clip(inside / 2 + 0.5, 0, 1)
-    return 1 - closed * (1 - np.float32(0.85) * flecks)
-
-
-def _under_tree(shade: TreeShade, ground: Ground, s: np.ndarray, seed: int) -> np.ndarray:
-    """Share of sunlight below a crown: noise with a threshold that depends on the distance from the centre."""
-    along = (s - np.float32((shade.start_m + shade.end_m) / 2)) * np.float32(2 / (shade.end_m - shade.start_m))
-    across = (ground.d - np.float32((shade.low_m + shade.high_m) / 2)) * np.float32(2 / (shade.high_m - shade.low_m))
-    middle = 1 - along**2 - across**2
-    # No cluster farther out is dense enough to cast a shadow.
-    near = np.flatnonzero(middle > -CROWN_CUTOFF)
-    s, d, footprint, middle = (array.ravel()[near] for array in (s, ground.d, ground.footprint_s, middle))
-    cloudy = band_noise_tile(seed + 31, octaves=3)
-    clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(footprint, 4.0)
-    leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(footprint, 0.5)
-    level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
-    share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
-    sun = np.ones(ground.s.shape, np.float32)
-    sun.ravel()[near] -= np.float32(shade.density) * share * share * (3 - 2 * share)
-    return sun

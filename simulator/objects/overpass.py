@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, blocked_sky, irradiance
+from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, irradiance
 from simulator.painting.brush import Atmosphere, Canvas, paint_polygons
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
@@ -64,7 +64,7 @@ class Overpass:
         top = self.clearance_m
         deck = self._sheet((self.low_m, self.high_m), s, (top, top))
         sides = [[(s[0], d, 0.0), (s[0], d, top), (s[1], d, top), (s[1], d, 0.0)] for d in (self.low_m, self.high_m)]
-        open_sky = 1 - float(blocked_sky(self.shade(), np.float32(sum(s) / 2)))
+        open_sky = 1 - float(self.shade().blocked_sky(np.float32(sum(s) / 2)))
         # A vertical wall sees half of the ground's sky, and the road.
         wall = FROM_ROAD / 2 + 0.5 * max(open_sky, BOUNCED_SHARE) * 0.16
         light = [*np.full(len(deck), FROM_ROAD * (0.4 + 0.5 * open_sky)), wall, wall]
@@ -87,6 +87,10 @@ class BridgeSlice:
     light: np.ndarray
     front: bool = False
 
+    # The light below a bridge is its own.
+    places_m = np.empty((0, 2))
+
+    @property
     def distance_m(self) -> float:
         """Sorting distance in metres: along the road to the median of the corners."""
         return float(np.abs(np.median(self.faces_m[..., 0])))
@@ -95,12 +99,11 @@ class BridgeSlice:
         """Empty, because `Overpass.shade` is the shadow of the bridge."""
         return []
 
-
-def paint_bridge_slice(canvas: Canvas, part: BridgeSlice, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a slice of a bridge."""
-    light = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] if part.front else np.ones(3)
-    colours = part.light[:, None] * CONCRETE * light / 0.8
-    paint_polygons(canvas, canvas.project_faces(part.faces_m), colours, atmosphere=air)
+    def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
+        """Paint the slice."""
+        daylight = irradiance(np.array([[-1.0, 0, 0]]), sun)[0] if self.front else np.ones(3)
+        colours = self.light[:, None] * CONCRETE * daylight / 0.8
+        paint_polygons(canvas, canvas.project_faces(self.faces_m), colours, atmosphere=air)
 
 
 def _in_car(faces: np.ndarray, road: RoadGeometry, pose: VehiclePose) -> np.ndarray:

@@ -1,8 +1,4 @@
-"""Objects on and beside the road: placed in road coordinates, and converted to the frame of the car.
-
-The frame of the car is x forward, y left, z up, metres; the camera is above the origin. `ground_height_m` is the height
-of the road at the object above the plane under the car.
-"""
+"""Objects on and beside the road: placed in road coordinates, and converted to the frame of the car."""
 
 from __future__ import annotations
 
@@ -12,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from simulator.objects.overpass import BridgeSlice, Overpass
+from simulator.objects.standing import Post
+from simulator.objects.trees import Tree
+from simulator.objects.vehicles import Car
 from simulator.objects.walls import Wall
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
@@ -26,67 +25,15 @@ WALL_TURNS_RAD = np.radians(200)
 WIDEST_VIEW = 1.73
 
 
-@dataclass(frozen=True)
-class Car:
-    """Vehicle with its centre at (x_m, y_m); heading 0 is the car's own direction, pi is oncoming.
-
-    `body` is "sedan", "suv", "truck" or "motorcycle".
-    """
-
-    x_m: float
-    y_m: float
-    heading_rad: float = 0.0
-    paint: str = "white"
-    body: str = "sedan"
-    ground_height_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Tree:
-    """Tree or bush; `species` is a name in `trees.SPECIES`."""
-
-    x_m: float
-    y_m: float
-    height_m: float = 10.0
-    species: str = "oak"
-    seed: int = 0
-    base_m: float = 0.0
-    ground_height_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class Post:
-    """Vertical pole: a delineator (1 m), a utility pole or, with an arm of length `arm_m`, a street lamp."""
-
-    x_m: float
-    y_m: float
-    height_m: float = 1.0
-    width_m: float = 0.1
-    arm_m: float = 0.0
-    colour: tuple[float, float, float] = (0.55, 0.55, 0.53)
-    ground_height_m: float = 0.0
-
-
-SceneObject = Car | Wall | BridgeSlice | Tree | Post
-
-
-def yaw_rotation(heading_rad: float) -> np.ndarray:
-    """Rotation matrix (3, 3) about z by a heading, > 0 turns left."""
-    c, s = np.cos(heading_rad), np.sin(heading_rad)
-    return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
-
-
-def vertical_rectangle(x: float, y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
-    """Corners (4, 3) of a vertical rectangle across the road: lower right, upper right, upper left, lower left."""
-    return np.array([[x, y - right, bottom], [x, y - right, top], [x, y + left, top], [x, y + left, bottom]])
+SceneObject = Car | Tree | Post | Wall | BridgeSlice
 
 
 @dataclass(frozen=True)
 class PlacedObject:
     """Object at arc length `s_m` and lateral position `lateral_m` at time 0, moving along the road at `speed_mps`.
 
-    The x and y of `item` are ignored, and the heading of a car is relative to the road. `path` holds knots (time in s,
-    lateral position in m) of a car that moves sideways: the position is interpolated smoothly, and the heading follows.
+    The heading of a car is relative to the road. `path` holds knots (time in s, lateral position in m) of a car that
+    moves sideways: the position is interpolated smoothly, and the heading follows.
     """
 
     s_m: float
@@ -142,7 +89,17 @@ def objects_in_view(
     return [wall for wall in walls if wall is not None] + bridges + ahead
 
 
-def _in_reach(item: SceneObject, place_m: np.ndarray) -> bool:
+def from_far_to_near(objects: list[SceneObject], *, growth: float) -> list[tuple[float, SceneObject]]:
+    """Objects up to MAX_OBJECT_M with their distances; walls are cut into segments, see `Wall.segments`.
+
+    Of two objects at one distance, the later one in the list is in front.
+    """
+    cut = [item.segments(growth=growth) if isinstance(item, Wall) else [item] for item in objects]
+    parts = [(part.distance_m, part) for segments in cut for part in segments]
+    return sorted((part for part in parts if part[0] < MAX_OBJECT_M), key=lambda part: -part[0])
+
+
+def _in_reach(item: Car | Tree | Post, place_m: np.ndarray) -> bool:
     """Whether an object can matter: in view, or a tree or street lamp that can shade or light the road ahead."""
     x, y, _ = place_m
     if isinstance(item, Tree) or (isinstance(item, Post) and item.arm_m):
@@ -150,9 +107,8 @@ def _in_reach(item: SceneObject, place_m: np.ndarray) -> bool:
     return 1.0 < x < MAX_OBJECT_M and abs(y) < WIDEST_VIEW * x + 5.0
 
 
-def _moved(item: SceneObject, place_m: np.ndarray, heading_rad: float) -> SceneObject:
-    x_m, y_m, ground_height_m = place_m
-    place: dict[str, Any] = {"x_m": float(x_m), "y_m": float(y_m), "ground_height_m": float(ground_height_m)}
+def _moved(item: Car | Tree | Post, place_m: np.ndarray, heading_rad: float) -> SceneObject:
+    place: dict[str, Any] = dict(zip(("x_m", "y_m", "ground_height_m"), place_m.tolist(), strict=True))
     if isinstance(item, Car):
         place["heading_rad"] = item.heading_rad + float(heading_rad)
     return replace(item, **place)

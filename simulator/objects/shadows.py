@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.objects.overpass import BridgeSlice
-from simulator.objects.scene_objects import Car, SceneObject, Tree, vertical_rectangle, yaw_rotation
-from simulator.objects.trees import tree_shadows
-from simulator.objects.vehicles import outline_points
-from simulator.objects.walls import Wall
+from simulator.objects.scene_objects import SceneObject
 from simulator.painting.noise import band_noise_tile, sample_noise
 from simulator.road.ground import Ground
 from simulator.road.road_ahead import RoadAhead
@@ -19,6 +17,8 @@ from simulator.road.road_ahead import RoadAhead
 MIN_SHADOW_M = 1.5
 MAX_SHADOW_M = 160.0
 LEAF_SEED = 61
+# Longest edge that is not subdivided, metres.
+EDGE_M = 1.5
 # Margin for the blur of shadow edges.
 PENUMBRA_PX = 6
 # Bounds of the displacement of edges: standard deviations of the noise, and the smallest step of a row on the ground.
@@ -27,33 +27,13 @@ MAX_NOISE, MIN_STEP_M = 6.0, 1e-2
 MAX_PX = 1e6
 
 
-def shadow_polygons(objects: list[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
+def shadow_polygons(objects: Iterable[SceneObject], sun_direction: np.ndarray) -> list[np.ndarray]:
     """Polygons (N, 2) of the shadows on the ground, metres in the road frame, float32; their union is the shadow.
 
     A tree has a polygon for each lump of leaves. `sun_direction` (3,) points towards the sun, in the road frame.
     """
-    sun = np.asarray(sun_direction, float)
-    offset_per_m = -sun[:2] / sun[2]
-    return [polygon.astype(np.float32, copy=False) for item in objects for polygon in _shadows(item, offset_per_m)]
-
-
-def _shadows(item: SceneObject, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """Shadow polygons of one object; `offset_per_m` (2,) is the horizontal shadow offset for each metre of height."""
-    if isinstance(item, (Wall, BridgeSlice)):
-        return item.shadows(offset_per_m)
-    place = np.array([item.x_m, item.y_m])
-    if isinstance(item, Car):
-        rings = outline_points(item.body) @ yaw_rotation(item.heading_rad).T
-        return [_hull(place + rings[:, :2] + rings[:, 2:] * offset_per_m)]
-    if isinstance(item, Tree):
-        return tree_shadows(item, offset_per_m)
-    half = item.width_m / 2
-    pole = vertical_rectangle(0, 0, half, half, 0, item.height_m)
-    return [_hull(place + pole[:, :2] + pole[:, 2:] * offset_per_m)]
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    return cv2.convexHull(points.astype(np.float32)).reshape(-1, 2)
+    offset_per_m = -sun_direction[:2] / sun_direction[2]
+    return [polygon.astype(np.float32, copy=False) for item in objects for polygon in item.shadows(offset_per_m)]
 
 
 def cast_shadows(
@@ -63,13 +43,12 @@ def cast_shadows(
     ground: Ground,
     road: RoadAhead,
     *,
-    station_m: float,
     edge_noise_m: float = 0.0,
 ) -> None:
     """Remove the sunlight `sun` (rows, width) inside shadow polygons (N, 2), metres in the car's road frame, in place.
 
-    `ground` is that of the same rows; the vertical profile of the road carries the shadows. `station_m` is the arc
-    length of the car, `edge_noise_m` the displacement of the outlines by leaves; 0 keeps them sharp.
+    `ground` is that of the same rows; the vertical profile of the road carries the shadows. `edge_noise_m` is the
+    displacement of the outlines by leaves; 0 keeps them sharp.
     """
     near = [p for p in polygons_m if p[:, 0].max() > MIN_SHADOW_M and p[:, 0].min() < MAX_SHADOW_M]
     if not near:
@@ -89,23 +68,22 @@ def cast_shadows(
         return
     margin = PENUMBRA_PX + int(MAX_NOISE * edge_noise_m / MIN_STEP_M)
     rows = slice(max(shaded[0] - margin, 0), shaded[-1] + margin + 1)
-    shadow = _perturb_edges(mask, ground, rows, station_m, edge_noise_m) if edge_noise_m else mask[rows]
+    shadow = _perturb_edges(mask, ground, rows, edge_noise_m) if edge_noise_m else mask[rows]
     # A penumbra of about a pixel; it is a few centimetres wide at car height.
     sun[rows] *= 1 - cv2.GaussianBlur(shadow, (0, 0), 0.8).astype(np.float32) * np.float32(0.97 / 255)
 
 
-def _perturb_edges(mask: np.ndarray, ground: Ground, rows: slice, station_m: float, shift_m: float) -> np.ndarray:
+def _perturb_edges(mask: np.ndarray, ground: Ground, rows: slice, shift_m: float) -> np.ndarray:
     """Rows of the mask, with edges displaced by noise of about `shift_m` on the ground, as by twigs and leaves."""
     part, tile = ground.crop(rows), band_noise_tile(LEAF_SEED, octaves=3)
-    s = part.s + np.float32(station_m)
-    shift_d, shift_s = (sample_noise(tile, s, part.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
-    v, u = np.indices(s.shape, np.float32)
+    shift_d, shift_s = (sample_noise(tile, part.along, part.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+    v, u = np.indices(part.s.shape, np.float32)
     u += np.float32(shift_m) * shift_d / np.maximum(np.abs(part.d_u), 1e-3)
     v += rows.start + np.float32(shift_m) * shift_s / np.maximum(part.footprint_s, MIN_STEP_M)
     return cv2.remap(mask, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
 
 
-def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.ndarray, np.ndarray]:
+def _densify(polygons: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Points (N, 2) of all polygons, one after the other, and the index after the last point of each.
 
     Long edges are subdivided, because the lens distorts straight lines. Points are clipped to MIN_SHADOW_M ahead.
@@ -115,7 +93,7 @@ def _densify(polygons: list[np.ndarray], *, edge_m: float = 1.5) -> tuple[np.nda
     following = np.arange(1, len(points) + 1)
     following[last] = np.concatenate([[0], last[:-1] + 1])
     edges = points[following] - points
-    parts = np.clip(np.hypot(*edges.T) / edge_m, 1, 12).astype(int)
+    parts = np.clip(np.hypot(*edges.T) / EDGE_M, 1, 12).astype(int)
     until = np.cumsum(parts)
     share = (np.arange(until[-1]) - np.repeat(until - parts, parts)) / np.repeat(parts, parts)
     dense = np.repeat(points, parts, axis=0) + share[:, None] * np.repeat(edges, parts, axis=0)

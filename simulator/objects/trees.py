@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 
-import cv2
 import numpy as np
 
-from simulator.objects.scene_objects import Tree, vertical_rectangle
+from simulator.objects.standing import Standing, vertical_rectangle
 from simulator.painting.brush import Atmosphere, Canvas, heights_above, paint_polygons
 
 LUMPS = 45
@@ -44,11 +43,12 @@ SPECIES = {
 
 @dataclass(frozen=True, eq=False)
 class Crown:
-    """Lumps of a tree: heights (N,) as shares, offsets from the trunk (N, 2) and shadow outlines (N, 12, 2), metres."""
+    """Lumps of a tree: heights (N,) as shares, offsets from the trunk (N, 2), outlines of shadows (N, 12, 2), radii."""
 
     share: np.ndarray
     aside_m: np.ndarray
     outline_m: np.ndarray
+    radius_m: np.ndarray
 
 
 @lru_cache(maxsize=512)
@@ -63,61 +63,60 @@ def crown(species: str, seed: int, height_m: float) -> Crown:
     toward = rng.uniform(0, 2 * np.pi, LUMPS)
     aside = reach[:, None] * np.column_stack([np.cos(toward), np.sin(toward)])
     size = height_m * kind.lump_radius * rng.uniform(0.2, 0.8, (LUMPS, 1)) * rng.uniform(0.3, 1.4, (LUMPS, 12))
-    return Crown(share, aside, size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+    outline = size[..., None] * np.column_stack([np.cos(angle), np.sin(angle)])
+    cast = np.linalg.norm(outline, axis=2).mean(axis=1)
+    return Crown(share, aside, outline, PAINTED_RADIUS * np.sqrt(cast * kind.lump_radius * height_m))
 
 
-def tree_shadows(tree: Tree, offset_per_m: np.ndarray) -> list[np.ndarray]:
-    """Polygons (N, 2) of the shadows of the lumps, with sun flecks between them, and of the trunk."""
-    kind, place, lumps = SPECIES[tree.species], np.array([tree.x_m, tree.y_m]), crown(*_seeded(tree))
-    middle = place + lumps.aside_m + (lumps.share * tree.height_m + tree.base_m)[:, None] * offset_per_m
-    # A lump is as tall as wide, so its shadow gets longer with a low sun.
-    away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
-    outline = lumps.outline_m + 0.3 * np.linalg.norm(offset_per_m) * (lumps.outline_m @ away)[..., None] * away
-    half = max(0.12, kind.trunk_width * tree.height_m / 2)
-    trunk = vertical_rectangle(0, 0, half, half, 0, tree.height_m * (max(kind.crown_bottom, 0.0) + 0.3))
-    shadow = cv2.convexHull((place + trunk[:, :2] + trunk[:, 2:] * offset_per_m).astype(np.float32))
-    return [*(middle[:, None] + outline).astype(np.float32), shadow.reshape(-1, 2)]
+@dataclass(frozen=True)
+class Tree(Standing):
+    """Tree or bush; `species` is a name in `SPECIES`, `base_m` the height of its foot above the road."""
 
+    height_m: float = 10.0
+    species: str = "oak"
+    seed: int = 0
+    base_m: float = 0.0
 
-def _seeded(tree: Tree) -> tuple[str, int, float]:
-    return tree.species, tree.seed, tree.height_m
+    @property
+    def fork(self) -> float:
+        """Height of the painted trunk as a share of the tree's."""
+        return max(SPECIES[self.species].crown_bottom, 0.0) + 0.3
 
+    def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
+        """Polygons (N, 2) of the shadows of the lumps, with sun flecks between them, and of the trunk."""
+        kind, lumps = SPECIES[self.species], crown(self.species, self.seed, self.height_m)
+        middle = self.places_m + lumps.aside_m + (lumps.share * self.height_m + self.base_m)[:, None] * offset_per_m
+        # A lump is as tall as wide, so its shadow gets longer with a low sun.
+        away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
+        outline = lumps.outline_m + 0.3 * np.linalg.norm(offset_per_m) * (lumps.outline_m @ away)[..., None] * away
+        half = max(0.12, kind.trunk_width * self.height_m / 2)
+        trunk = vertical_rectangle(0, half, half, 0, self.height_m * self.fork)
+        return [*(middle[:, None] + outline).astype(np.float32), self.cast_hull(trunk, offset_per_m)]
 
-def project_trees(canvas: Canvas, trees: list[Tree]) -> list[tuple[Tree, np.ndarray]]:
-    """Trees in the view of the lens, with the pixels (2, 2) of foot and top; all in one call, because they are many."""
-    if not trees:
-        return []
-    foot = np.array([[t.x_m, t.y_m, t.base_m + t.ground_height_m] for t in trees])
-    # Points a little above the foot: the top can be outside the view of a lens that sees the trunk.
-    ends = foot[:, None] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
-    seen = np.flatnonzero((heights_above(canvas.frustum, ends) >= -1e-9).all(axis=(1, 2)))
-    pixels = canvas.camera.road_to_pixels(ends[seen].reshape(-1, 3)).reshape(-1, 2, 2)
-    rise, height = pixels[:, 1] - pixels[:, 0], np.array([t.height_m for t in trees])[seen, None]
-    lines = np.stack([pixels[:, 0] - 0.9 * rise, pixels[:, 0] + (height - 0.9) * rise], axis=1)
-    return [(trees[i], line) for i, line in zip(seen, lines, strict=True)]
-
-
-def paint_tree(canvas: Canvas, tree: Tree, ends_px: np.ndarray, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a tree between its projected foot and top (2, 2), from the far lumps to the near ones."""
-    kind, lumps = SPECIES[tree.species], crown(*_seeded(tree))
-    up = (ends_px[1] - ends_px[0]) / tree.height_m
-    right = np.array([-up[1], up[0]])
-    to_eye = -np.array([tree.x_m, tree.y_m]) / max(np.hypot(tree.x_m, tree.y_m), 1e-6)
-    order = np.argsort(lumps.aside_m @ to_eye, kind="stable")
-    aside, share = lumps.aside_m[order], lumps.share[order]
-    across = aside @ np.array([-to_eye[1], to_eye[0]])
-    cast = np.linalg.norm(lumps.outline_m[order], axis=2).mean(axis=1)
-    radius = PAINTED_RADIUS * np.sqrt(cast * kind.lump_radius * tree.height_m)
-    outline = radius[:, None, None] * (OCTAGON[..., :1] * right + OCTAGON[..., 1:] * up)
-    # The top of the crown stays below the height of the tree.
-    height = np.minimum(share * tree.height_m, tree.height_m - radius)
-    blots = ends_px[0] + across[:, None, None] * right + height[:, None, None] * up + outline
-    half, fork = kind.trunk_width * tree.height_m / 2, max(kind.crown_bottom, 0.0) + 0.3
-    corners = np.array([[-half, 0], [-half, fork * tree.height_m], [half, fork * tree.height_m], [half, 0]])
-    trunk = ends_px[0] + corners[:, :1] * right + corners[:, 1:] * up
-    # Lumps are light where their side of the crown faces the sun.
-    side = np.column_stack([2 * aside / (kind.crown_width * tree.height_m), 2 * share - 1])
-    light = np.clip(0.40 + 0.45 * side @ sun, 0.05, 1)[:, None]
-    shade, bright = np.array(kind.shade_colour), np.array(kind.sun_colour)
-    colours = np.vstack([0.5 * np.array(BARK), shade + light * (bright - shade)])
-    paint_polygons(canvas, [trunk, *blots], colours, atmosphere=air)
+    def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
+        """Paint the trunk, and the crown from the far lumps to the near ones; nothing outside the view of the lens."""
+        # Points a little above the foot: the top can be outside the view of a lens that sees the trunk.
+        ends = self.foot_m + [0, 0, self.base_m] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
+        if (heights_above(canvas.frustum, ends) < -1e-9).any():
+            return
+        low, high = canvas.camera.road_to_pixels(ends)
+        up = high - low
+        foot, right = low - 0.9 * up, np.array([-up[1], up[0]])
+        kind, lumps = SPECIES[self.species], crown(self.species, self.seed, self.height_m)
+        to_eye = -self.foot_m[:2] / max(self.distance_m, 1e-6)
+        order = np.argsort(lumps.aside_m @ to_eye, kind="stable")
+        aside, share, radius = lumps.aside_m[order], lumps.share[order], lumps.radius_m[order]
+        across = aside @ np.array([-to_eye[1], to_eye[0]])
+        outline = radius[:, None, None] * (OCTAGON[..., :1] * right + OCTAGON[..., 1:] * up)
+        # The top of the crown stays below the height of the tree.
+        height = np.minimum(share * self.height_m, self.height_m - radius)
+        blots = foot + across[:, None, None] * right + height[:, None, None] * up + outline
+        half, fork_m = kind.trunk_width * self.height_m / 2, self.fork * self.height_m
+        corners = np.array([[-half, 0], [-half, fork_m], [half, fork_m], [half, 0]])
+        trunk = foot + corners[:, :1] * right + corners[:, 1:] * up
+        # Lumps are light where their side of the crown faces the sun.
+        side = np.column_stack([2 * aside / (kind.crown_width * self.height_m), 2 * share - 1])
+        facing = np.clip(0.40 + 0.45 * side @ sun, 0.05, 1)[:, None]
+        shade, bright = np.array(kind.shade_colour), np.array(kind.sun_colour)
+        colours = np.vstack([0.5 * np.array(BARK), shade + facing * (bright - shade)])
+        paint_polygons(canvas, [trunk, *blots], colours, atmosphere=air.dimmed(light[0]))

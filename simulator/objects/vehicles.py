@@ -8,12 +8,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from simulator.light.sunlight import irradiance
-from simulator.objects.scene_objects import Car, yaw_rotation
+from simulator.objects.standing import Standing
 from simulator.painting.brush import Atmosphere, Canvas, face_normals, paint_polygons
 
 PAINTS = {
@@ -57,30 +58,27 @@ BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4
 BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
 
 
-@dataclass(frozen=True, eq=False)
-class Faces:
+class Faces(NamedTuple):
     """Faces (F, 4, 3) in metres, their albedo (F, 3), and the order (F,) of painting of what is on the body."""
 
     corners_m: np.ndarray
     albedo: np.ndarray
     layer: np.ndarray
 
-    @classmethod
-    def of(cls, corners_m: ArrayLike, albedo: ArrayLike, layer: int = 0) -> Faces:
-        """Faces of one or of several materials from their corners (..., 4, 3)."""
-        corners = np.reshape(corners_m, (-1, 4, 3))
-        return cls(corners, np.broadcast_to(albedo, (len(corners), 3)), np.full(len(corners), layer))
-
-    @classmethod
-    def join(cls, parts: Sequence[Faces]) -> Faces:
-        """All faces of several parts."""
-        return cls(*(np.concatenate([vars(part)[name] for part in parts]) for name in cls.__dataclass_fields__))
-
 
 @lru_cache(maxsize=64)
 def vehicle_faces(body: str, paint: str) -> Faces:
     """Faces of a vehicle: `body` is "sedan", "suv", "truck" or "motorcycle", `paint` a name in PAINTS."""
-    return {"truck": _truck, "motorcycle": _motorcycle}.get(body, lambda paint: _car(body, paint))(paint)
+    others = {"truck": _truck, "motorcycle": _motorcycle}
+    rows = np.concatenate(others[body](paint) if body in others else _car(body, paint))
+    return Faces(rows[:, :12].reshape(-1, 4, 3), rows[:, 12:15], rows[:, 15])
+
+
+def _part(corners_m: ArrayLike, albedo: ArrayLike, layer: int = 0) -> np.ndarray:
+    """Faces of one or of several materials as rows (F, 16): four corners, albedo and layer."""
+    corners = np.reshape(corners_m, (-1, 12))
+    count = len(corners)
+    return np.column_stack([corners, np.broadcast_to(albedo, (count, 3)), np.full(count, layer)])
 
 
 @lru_cache(maxsize=8)
@@ -122,7 +120,7 @@ def _even_angles(count: int) -> np.ndarray:
     return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
 
 
-def _car(body: str, paint: str) -> Faces:
+def _car(body: str, paint: str) -> list[np.ndarray]:
     """Body with windows all around, lamps, licence plate and wheels."""
     rings = BODIES[body]
     cells = _loft(rings, 28)
@@ -130,7 +128,7 @@ def _car(body: str, paint: str) -> Faces:
     albedo[WINDOWS] = GLASS
     albedo[0] = PLASTIC
     rear, front, waist = rings[WAIST, 1], rings[WAIST - 1, 2], rings[WAIST, 0]
-    parts = [Faces.of(cells, albedo.reshape(-1, 3)), _plate(rear - 0.07, (0.2, -0.2), (0.62, 0.75), PLATE)]
+    parts = [_part(cells, albedo.reshape(-1, 3)), _plate(rear - 0.07, (0.2, -0.2), (0.62, 0.75), PLATE)]
     for side in (-1, 1):
         inner, outer = (0.42, 0.72) if side > 0 else (-0.72, -0.42)
         parts.append(_plate(rear - 0.05, (outer, inner), (waist - 0.12, waist + 0.04), TAIL_LAMP))
@@ -139,16 +137,16 @@ def _car(body: str, paint: str) -> Faces:
         for x in AXLES_M:
             parts.append(_box((x - 0.3, x + 0.3), sorted((0.8 * flank, flank)), (0.0, 0.6), RUBBER, -1))
             wheel = [(x + side * u, flank, z) for u, z in ((0.3, 0.1), (-0.3, 0.1), (-0.3, 0.5), (0.3, 0.5))]
-            parts.append(Faces.of(wheel, RUBBER, 1))
-    return Faces.join(parts)
+            parts.append(_part(wheel, RUBBER, 1))
+    return parts
 
 
-def _plate(x: float, y: tuple[float, float], z: tuple[float, float], albedo: tuple) -> Faces:
+def _plate(x: float, y: tuple[float, float], z: tuple[float, float], albedo: tuple) -> np.ndarray:
     """Vertical face on the body, from lateral y[0] to y[1]: it faces the front if these rise, else the rear."""
-    return Faces.of([(x, y[0], z[0]), (x, y[1], z[0]), (x, y[1], z[1]), (x, y[0], z[1])], albedo, 1)
+    return _part([(x, y[0], z[0]), (x, y[1], z[0]), (x, y[1], z[1]), (x, y[0], z[1])], albedo, 1)
 
 
-def _truck(paint: str) -> Faces:
+def _truck(paint: str) -> list[np.ndarray]:
     """Lorry with a box body, 2.5 m wide, 4 m high, 12 m long, the limits of the EU."""
     parts = [
         _box((-6.0, 3.3), (-1.25, 1.25), (1.10, 3.95), PAINTS["white"]),
@@ -163,49 +161,70 @@ def _truck(paint: str) -> Faces:
         outer = sorted((side * 0.72, side * 1.22))
         parts.append(_box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 2))
         parts += [_box((x - 0.5, x + 0.5), outer, (0.0, 1.0), RUBBER) for x in (-4.9, -3.7, 4.9)]
-    return Faces.join(parts)
+    return parts
 
 
-def _motorcycle(paint: str) -> Faces:
+def _motorcycle(paint: str) -> list[np.ndarray]:
     """Motorcycle and its rider."""
-    parts = [_box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER) for x in (-0.69, 0.64)]
-    parts += [_box((-0.02, 0.44), sorted((side * 0.23, side * 0.41)), (1.1, 1.36), CLOTH) for side in (-1, 1)]
-    return Faces.join(
-        [
-            *parts,
-            _box((-0.4, 0.4), (-0.17, 0.17), (0.25, 0.7), PLASTIC),
-            _box((-0.95, 0.8), (-0.18, 0.18), (0.7, 1.0), PAINTS[paint]),
-            _box((-0.25, 0.25), (-0.34, 0.34), (0.3, 0.95), CLOTH),
-            _box((-0.2, 0.2), (-0.25, 0.25), (0.9, 1.55), CLOTH),
-            _box((-0.02, 0.28), (-0.13, 0.13), (1.5, 1.79), PAINTS["red"]),
-            _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1),
-        ]
-    )
+    return [
+        *(_box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER) for x in (-0.69, 0.64)),
+        *(_box((-0.02, 0.44), y, (1.1, 1.36), CLOTH) for y in ((-0.41, -0.23), (0.23, 0.41))),
+        _box((-0.4, 0.4), (-0.17, 0.17), (0.25, 0.7), PLASTIC),
+        _box((-0.95, 0.8), (-0.18, 0.18), (0.7, 1.0), PAINTS[paint]),
+        _box((-0.25, 0.25), (-0.34, 0.34), (0.3, 0.95), CLOTH),
+        _box((-0.2, 0.2), (-0.25, 0.25), (0.9, 1.55), CLOTH),
+        _box((-0.02, 0.28), (-0.13, 0.13), (1.5, 1.79), PAINTS["red"]),
+        _box((-1.03, -1.00), (-0.08, 0.08), (0.74, 0.80), TAIL_LAMP, 1),
+    ]
 
 
-def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tuple, layer: int = 0) -> Faces:
+def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tuple, layer: int = 0) -> np.ndarray:
     """Faces of a box between two values of each coordinate."""
     ranges = np.array([x, y, z], float)
     corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
-    return Faces.of(corners[BOX_FACES], albedo, layer)
+    return _part(corners[BOX_FACES], albedo, layer)
 
 
-def paint_vehicle(canvas: Canvas, car: Car, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint the visible faces of a vehicle and its contact shadow."""
-    turn, place = yaw_rotation(car.heading_rad), np.array([car.x_m, car.y_m, car.ground_height_m])
-    if canvas.misses(outline_points(car.body) @ turn.T + place):
-        return
-    faces = vehicle_faces(car.body, car.paint)
-    eye = (np.array([0, 0, canvas.camera.require_pose().height_m]) - place) @ turn
-    normal, to_eye = face_normals(faces.corners_m), eye - faces.corners_m.mean(axis=1)
-    seen = np.flatnonzero((normal * to_eye).sum(axis=1) > 0)
-    # Parts on the body keep their order; the others are sorted from far to near.
-    seen = seen[np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))]
-    colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
-    ground = footprint(car.body)
-    corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + place
-    pixels = canvas.project_faces(corners)
-    blur = float(np.clip(40 / max(np.hypot(car.x_m, car.y_m), 1), 0.5, 4))
-    dark = np.full((2, 3), 0.004)
-    paint_polygons(canvas, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
-    paint_polygons(canvas, pixels[:-2], colours, atmosphere=air)
+@dataclass(frozen=True)
+class Car(Standing):
+    """Vehicle; `paint` is a name in `PAINTS`, `body` is "sedan", "suv", "truck" or "motorcycle".
+
+    Heading 0 is the car's own direction, pi is oncoming.
+    """
+
+    paint: str = "white"
+    body: str = "sedan"
+    heading_rad: float = 0.0
+
+    @property
+    def turn(self) -> np.ndarray:
+        """Rotation (3, 3) from the vehicle's own frame to that of the car."""
+        c, s = np.cos(self.heading_rad), np.sin(self.heading_rad)
+        return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+
+    def outline_m(self) -> np.ndarray:
+        """Points (N, 3) in the frame of the car, whose projected hull is the outline."""
+        return outline_points(self.body) @ self.turn.T + self.foot_m
+
+    def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
+        """Shadow polygon (N, 2); see `Standing.cast_hull`."""
+        return [self.cast_hull(outline_points(self.body) @ self.turn.T, offset_per_m)]
+
+    def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
+        """Paint the contact shadow and the visible faces."""
+        if canvas.misses(self.outline_m()):
+            return
+        faces, turn, air = vehicle_faces(self.body, self.paint), self.turn, air.dimmed(light[0])
+        eye = (np.array([0, 0, canvas.camera.require_pose().height_m]) - self.foot_m) @ turn
+        normal, to_eye = face_normals(faces.corners_m), eye - faces.corners_m.mean(axis=1)
+        seen = np.flatnonzero((normal * to_eye).sum(axis=1) > 0)
+        # Parts on the body keep their order; the others are sorted from far to near.
+        seen = seen[np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))]
+        colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
+        ground = footprint(self.body)
+        corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + self.foot_m
+        pixels = canvas.project_faces(corners)
+        blur = float(np.clip(40 / max(self.distance_m, 1), 0.5, 4))
+        dark = np.full((2, 3), 0.004)
+        paint_polygons(canvas, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+        paint_polygons(canvas, pixels[:-2], colours, atmosphere=air)

@@ -59,11 +59,10 @@ WALLS = {
 
 @dataclass(frozen=True, eq=False)
 class Wall:
-    """Wall along a path (N, 2) or (N, 3) in the car's frame: the foot of the traffic face, in the road's direction.
+    """Wall along a path (N, 3) in the car's frame: the foot of the traffic face, in the road's direction.
 
     `kind` is a name in `WALLS`, `side` +1 on the left (the back is farther left) and -1 on the right, `height_scale`
-    the height relative to the profile. The arc length `start_m` of the first point fixes panels to the road. `light`
-    (N, 3) is the share of open daylight along the path.
+    the height relative to the profile. The arc length `start_m` of the first point fixes panels to the road.
     """
 
     path_m: np.ndarray
@@ -72,14 +71,19 @@ class Wall:
     height_scale: float = 1.0
     start_m: float = 0.0
     seed: int = 0
-    light: np.ndarray | None = None
 
+    @property
+    def places_m(self) -> np.ndarray:
+        """Points (N, 2) along the path."""
+        return self.path_m[:, :2]
+
+    @property
     def distance_m(self) -> float:
         """Sorting distance in metres: that of the middle of the path.
 
         A bank is behind all objects on it, up to the bend where it turns out of view.
         """
-        path = np.asarray(self.path_m, float)[:, :2]
+        path = self.places_m
         if self.kind == "wood":
             # Objects in front of the edge of the wood must be painted over it.
             return float(np.hypot(*path.T).max())
@@ -91,7 +95,7 @@ class Wall:
 
     def segments(self, *, growth: float) -> list[Wall]:
         """Segments of the wall for sorting by distance; distances grow by the factor `growth`."""
-        points, along = _resample(np.asarray(self.path_m, float))
+        points, along = _resample(self.path_m)
         if self.kind == "bank":
             return [replace(self, path_m=points)]
         distance = np.hypot(points[:, 0], points[:, 1])
@@ -103,8 +107,7 @@ class Wall:
 
     def lines(self) -> np.ndarray:
         """Points (K, N, 3) of the lines of the profile along the path, road frame."""
-        path = np.asarray(self.path_m, float)
-        path, ground_height_m = path[:, :2], path[:, 2] if path.shape[1] == 3 else 0.0
+        path, ground_height_m = self.places_m, self.path_m[:, 2]
         along = np.gradient(path, axis=0)
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-9)
         outward = np.column_stack([-along[:, 1], along[:, 0]]) * self.side
@@ -120,10 +123,6 @@ class Wall:
             ]
         )
 
-    def along(self) -> np.ndarray:
-        """Arc lengths (N,) of the path."""
-        return self.start_m + _arc_lengths(np.asarray(self.path_m))
-
     def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
         """Shadow on the ground as quadrilaterals; none for a bank (ground) and a wood (transparent)."""
         if self.kind in ("bank", "wood"):
@@ -131,6 +130,22 @@ class Wall:
         lines = self.lines()[:, :: max(1, len(self.path_m) // 40)]
         cast = lines[..., :2] + (lines[..., 2:] - lines[0, :, 2:]) * offset_per_m
         return [quad for low, high in zip(cast[:-1], cast[1:], strict=True) for quad in _quads(low, high)]
+
+    def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
+        """Paint the wall from far to near; `light` (N, 3) is the share of open daylight along the path."""
+        kind, lines = WALLS[self.kind], self.lines()
+        panel = ((self.start_m + _arc_lengths(self.path_m)) / PANEL_M).astype(int) % PANELS
+        rng = np.random.default_rng([self.seed, 5])
+        lines[1:, :, 2] += (lines[1:] - lines[0])[..., 2] * kind.ragged * rng.standard_normal(PANELS)[panel]
+        faces, colours = [], []
+        for strip, low, high, colour in kind.parts:
+            rise = lines[strip + 1] - lines[strip]
+            faces.append(_quads(lines[strip] + low * rise, lines[strip] + high * rise))
+            tone = np.maximum(1 + kind.uneven * rng.standard_normal(PANELS), 0.2)[panel[:-1], None]
+            colours.append(tone * colour * irradiance(face_normals(faces[-1]) * self.side, sun) / 0.8 * light[:-1])
+        corners = np.concatenate(faces)
+        order = np.argsort(-np.linalg.norm(corners.mean(axis=1), axis=1), kind="stable")
+        paint_polygons(canvas, canvas.project_faces(corners[order]), np.concatenate(colours)[order], atmosphere=air)
 
 
 def _arc_lengths(path: np.ndarray) -> np.ndarray:
@@ -153,20 +168,3 @@ def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         stations.append(min(s, length[-1]))
     along = np.array(stations)
     return np.column_stack([np.interp(along, length, column) for column in path.T]), along
-
-
-def paint_wall(canvas: Canvas, wall: Wall, sun: np.ndarray, air: Atmosphere) -> None:
-    """Paint a segment of a wall, from far to near."""
-    kind, lines, panel = WALLS[wall.kind], wall.lines(), (wall.along() / PANEL_M).astype(int) % PANELS
-    rng = np.random.default_rng([wall.seed, 5])
-    lines[1:, :, 2] += (lines[1:] - lines[0])[..., 2] * kind.ragged * rng.standard_normal(PANELS)[panel]
-    light = np.ones((1, 3)) if wall.light is None else wall.light[:-1]
-    faces, colours = [], []
-    for strip, low, high, colour in kind.parts:
-        rise = lines[strip + 1] - lines[strip]
-        faces.append(_quads(lines[strip] + low * rise, lines[strip] + high * rise))
-        tone = np.maximum(1 + kind.uneven * rng.standard_normal(PANELS), 0.2)[panel[:-1], None]
-        colours.append(tone * colour * irradiance(face_normals(faces[-1]) * wall.side, sun) / 0.8 * light)
-    corners = np.concatenate(faces)
-    order = np.argsort(-np.linalg.norm(corners.mean(axis=1), axis=1), kind="stable")
-    paint_polygons(canvas, canvas.project_faces(corners[order]), np.concatenate(colours)[order], atmosphere=air)

@@ -23,6 +23,10 @@ class Atmosphere(NamedTuple):
     transmittance: np.ndarray | float = 1.0
     airlight: np.ndarray | float = 0.0
 
+    def dimmed(self, light: np.ndarray) -> Atmosphere:
+        """The air in front of an object in the shade; `light` (3,) is the share of daylight on the object."""
+        return self._replace(transmittance=self.transmittance * light)
+
 
 @dataclass(frozen=True, eq=False)
 class Canvas:
@@ -104,7 +108,9 @@ def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
 
 def face_normals(corners_m: np.ndarray) -> np.ndarray:
     """Unit normals (F, 3) of faces (F, 4, 3) from their diagonals."""
-    normal = np.cross(corners_m[:, 2] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 1])
+    a, b = corners_m[:, 2] - corners_m[:, 0], corners_m[:, 3] - corners_m[:, 1]
+    # The cross product; np.cross takes several times as long.
+    normal = a[:, [1, 2, 0]] * b[:, [2, 0, 1]] - a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
     return normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
 
 

@@ -88,12 +88,16 @@ def _gain(octaves: int) -> np.ndarray:
 
 def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: float, wave_d_m: float) -> np.ndarray:
     """Noise of a `band_noise_tile` at road coordinates (rows, width) or (K,) float32, with wavelengths in metres."""
-    u, v = _wrapped(s, wave_s_m), _wrapped(d, wave_d_m)
-    if s.ndim == 2:
-        return cv2.remap(tile, u, v, cv2.INTER_LINEAR)
+    return sample(tile, _wrapped(s, wave_s_m), _wrapped(d, wave_d_m))
+
+
+def sample(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Bilinear samples of an image of one channel at pixels (u, v), (rows, width) or (K,) float32; 0 outside."""
+    if u.ndim == 2 or not len(u):
+        return cv2.remap(image, u, v, cv2.INTER_LINEAR) if len(u) else u
     # OpenCV refuses maps longer than 32767, so a list is reshaped to rows.
-    u, v = (np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
-    return cv2.remap(tile, u, v, cv2.INTER_LINEAR).ravel()[: len(s)] if len(s) else s
+    u_rows, v_rows = (np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
+    return cv2.remap(image, u_rows, v_rows, cv2.INTER_LINEAR).ravel()[: len(u)]
 
 
 def fade(footprint: np.ndarray, wave_m: float) -> np.ndarray:

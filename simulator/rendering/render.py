@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.backdrop import paint_backdrop
+from simulator.backdrop import aerial_perspective, paint_backdrop
 from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, RoadLight, develop
 from simulator.light.sunlight import (
@@ -23,15 +22,15 @@ from simulator.light.sunlight import (
     sunlight_on_ground,
 )
 from simulator.objects.bonnet import paint_bonnet
-from simulator.objects.object_painter import paint_objects
-from simulator.objects.scene_objects import SceneObject, Tree, objects_in_view
+from simulator.objects.scene_objects import SceneObject, from_far_to_near, objects_in_view
 from simulator.objects.shadows import MAX_SHADOW_M, cast_shadows, shadow_polygons
-from simulator.painting.brush import Atmosphere, split_channels
+from simulator.objects.trees import Tree
+from simulator.painting.brush import Atmosphere, Canvas, split_channels
 from simulator.rendering.drive import Drive
-from simulator.road.albedo import ground_albedo
 from simulator.road.ground import MAX_GROUND_M, Ground, cast_on_ground, pixel_rays
-from simulator.road.markings import paint_markings, paint_symbols
+from simulator.road.markings import paint_markings
 from simulator.road.road_ahead import RoadAhead
+from simulator.road.surface import ground_albedo
 from simulator.road.truth import Truth
 from simulator.weather.night import add_lamps, visible_lamps
 from simulator.weather.rain import add_falling_drops, add_lamp_reflections, add_windscreen_drops
@@ -47,6 +46,8 @@ MIRROR_DOWNSAMPLING = 6
 MAX_SHADOW_LATERAL_M = 22.0
 # The exposure is metered between these rows from the bottom; the sunlight of the bonnet is that below the second.
 METERED_ROWS, BOTTOM_ROWS = 250, 60
+# Each segment of a wall is painted behind homogeneous air, so fog needs shorter segments than clear air.
+CLEAR_GROWTH, FOG_GROWTH = 1.3, 1.12
 # Displacement of the shadow edges of crowns by leaves, metres.
 LEAF_NOISE_M = 0.13
 
@@ -65,12 +66,11 @@ class Frame:
 
 @dataclass(frozen=True, eq=False)
 class _View:
-    """A moment of a drive: camera with its pitch, heading and arc length of the car, road, ground, sun and objects."""
+    """A moment of a drive: camera with its pitch, heading of the car, road, ground, sun and objects."""
 
     drive: Drive
     camera: Camera
     heading_rad: float
-    station_m: float
     ahead: RoadAhead
     ground: Ground
     sun_direction: np.ndarray
@@ -84,7 +84,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     ahead = RoadAhead(drive.road, truth.pose)
     ground, sun_direction = cast_on_ground(pixel_rays(drive.camera), camera, ahead), drive.sun.direction(heading)
     objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
-    view = _View(drive, camera, heading, truth.pose.s_m, ahead, ground, sun_direction, objects)
+    view = _View(drive, camera, heading, ahead, ground, sun_direction, objects)
     sun = _sun_on_ground(view)
     ground_light = _ground_light(view, sun)
     # The exposure is metered on the bare ground, without air, sky, vehicles and bonnet.
@@ -93,9 +93,7 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     mirror = _add_shine(ground_light, sun, view)
     light = _backdrop(view)
     _composite_ground(light, ground_light, ground, daylight=drive.night is None)
-    bare = light.copy()
-    _paint_objects(light, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
-    hidden = cv2.transform(cv2.compare(light, bare, cv2.CMP_NE), np.ones((1, 3))) > 0
+    hidden = _paint_objects(light, view, sunny=float(sun[-BOTTOM_ROWS:].mean()))
     if mirror is not None or drive.night is not None:
         lamps = visible_lamps(objects, camera)
         if mirror is not None:
@@ -114,30 +112,29 @@ def _sun_on_ground(view: _View) -> np.ndarray:
     drive, ground = view.drive, view.ground
     if drive.sun.overcast or drive.night is not None:
         return np.zeros_like(ground.s)
-    sun = sunlight_on_ground(drive.shades, ground, station_m=view.station_m, seed=drive.seed)
-    trees: list[SceneObject] = [
-        t for t in view.objects if isinstance(t, Tree) and t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M
-    ]
-    solid: list[SceneObject] = [t for t in view.objects if not isinstance(t, Tree)]
+    sun = sunlight_on_ground(drive.shades, ground, seed=drive.seed)
+    trees = [t for t in view.objects if isinstance(t, Tree)]
+    trees = [t for t in trees if t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M]
+    solid = [t for t in view.objects if not isinstance(t, Tree)]
     for group, noise_m in ((trees, LEAF_NOISE_M), (solid, 0.0)):
         polygons = shadow_polygons(group, view.sun_direction)
-        cast_shadows(sun, polygons, view.camera, ground, view.ahead, station_m=view.station_m, edge_noise_m=noise_m)
+        cast_shadows(sun, polygons, view.camera, ground, view.ahead, edge_noise_m=noise_m)
     return sun
 
 
 def _ground_light(view: _View, sun: np.ndarray) -> np.ndarray:
     """Light of the ground (rows, width, 3) float32."""
-    drive, ground, station_m = view.drive, view.ground, view.station_m
-    light = ground_albedo(drive.surface, ground, station_m=station_m, seed=drive.seed)
+    drive, ground = view.drive, view.ground
+    light = ground_albedo(drive.surface, ground, seed=drive.seed)
     if drive.wet is not None:
         light *= np.float32(drive.wet.darkening)
     markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
-    paint_markings(light, markings, ground, station_m=station_m, seed=drive.seed + 100)
-    paint_symbols(light, drive.symbols, ground, station_m=station_m, seed=drive.seed + 200)
+    paint_markings(light, markings, ground, seed=drive.seed + 100)
+    paint_markings(light, drive.symbols, ground, seed=drive.seed + 200)
     if drive.night is not None:
         light *= drive.night.ground_light(ground, view.objects)
         return light
-    light *= light_on_ground(sun, sky_on_ground(drive.shades, ground, station_m=station_m))
+    light *= light_on_ground(sun, sky_on_ground(drive.shades, ground))
     if drive.sun.overcast:
         light *= OVERCAST_LIGHT
     return light
@@ -149,63 +146,65 @@ def _add_shine(light: np.ndarray, sun: np.ndarray, view: _View) -> np.ndarray | 
     if drive.glare is not None:
         add_sheen(light, view.ground, sun, view.sun_direction, strength=drive.glare.sheen, height_m=height_m)
     if drive.wet is not None:
-        mirror = drive.wet.mirror_share(view.ground, height_m, station_m=view.station_m, seed=drive.seed)
+        mirror = drive.wet.mirror_share(view.ground, height_m, seed=drive.seed)
         light += _mirrored_sky(view) * cv2.merge([mirror] * 3)
     if drive.fog is not None:
         drive.fog.apply_to_ground(light, view.ground)
     return mirror
 
 
-def _paint_objects(light: np.ndarray, view: _View, *, sunny: float) -> None:
-    """Paint objects and bonnet, in place; `sunny` is the share of sunlight on the near ground."""
-    drive, light_at = view.drive, _object_light(view)
-    paint_objects(
-        light,
-        view.camera,
-        view.objects,
-        sun_direction=view.sun_direction,
-        haze=drive.backdrop.haze_per_km,
-        light_at=light_at,
-        atmosphere_at=_atmosphere(drive),
-        crest=_crest(view),
-    )
+def _paint_objects(light: np.ndarray, view: _View, *, sunny: float) -> np.ndarray:
+    """Paint objects and bonnet from far to near, in place; returns the mask (height, width) of what they hide.
+
+    `sunny` is the share of sunlight on the near ground.
+    """
+    drive, canvas, bare = view.drive, Canvas(light, view.camera), light.copy()
+    clear = drive.fog is None and drive.night is None
+    parts = from_far_to_near(view.objects, growth=CLEAR_GROWTH if clear else FOG_GROWTH)
+    # One call for all positions, because there are hundreds of objects; the first is that of the bonnet.
+    places = [np.array([[-1.0, 0.0]]), *(part.places_m for _, part in parts)]
+    at_bonnet, *lights = np.split(_object_light(view, np.concatenate(places)), np.cumsum([len(p) for p in places])[:-1])
+    crest_m, near_side = _crest(view)
+    for before_crest in (False, True):
+        for (distance_m, part), part_light in zip(parts, lights, strict=True):
+            if (distance_m < crest_m) == before_crest:
+                part.paint_over(canvas, view.sun_direction, _air(drive, distance_m), part_light)
+        if near_side is not None and not before_crest:
+            # The near side of the crest hides everything painted so far.
+            cv2.copyTo(bare, near_side, light)
     if drive.bonnet:
-        open_sky = 1.0 if light_at is None else float(light_at(np.array([[-1.0, 0.0]])).mean())
-        paint_bonnet(light, light=(0.2 + 0.8 * sunny) * open_sky)
+        paint_bonnet(light, light=(0.2 + 0.8 * sunny) * float(at_bonnet.mean()))
+    return cv2.transform(cv2.compare(light, bare, cv2.CMP_NE), np.ones((1, 3))) > 0
 
 
-def _atmosphere(drive: Drive) -> Callable[[float], Atmosphere] | None:
-    """Air in front of objects by distance: fog, none at night, or None for the default haze."""
+def _air(drive: Drive, distance_m: float) -> Atmosphere:
+    """Air in front of an object at a distance: fog, haze by day, none at night."""
     if drive.fog is not None:
-        return drive.fog.atmosphere_at
-    return None if drive.night is None else lambda distance_m: Atmosphere()
+        return drive.fog.atmosphere_at(distance_m)
+    return aerial_perspective(distance_m, drive.backdrop.haze_per_km) if drive.night is None else Atmosphere()
 
 
-def _object_light(view: _View) -> Callable[[np.ndarray], np.ndarray] | None:
-    """Share of daylight at positions in the car's road frame; None if only trees cast shade."""
+def _object_light(view: _View, points_m: np.ndarray) -> np.ndarray:
+    """Share of daylight (N, 3) at positions (N, 2) in the car's road frame; tree crowns shade no objects."""
     drive = view.drive
     closed = tuple(shade for shade in drive.shades if not isinstance(shade, TreeShade))
     if drive.night is not None:
-        return drive.night.object_light
+        return drive.night.object_light(points_m)
     if not closed and not drive.sun.overcast:
-        return None
+        return np.ones((len(points_m), 3))
     clouds = float((OVERCAST_LIGHT * SKY_SHARE).mean()) if drive.sun.overcast else 1.0
-
-    def light_at(points_m: np.ndarray) -> np.ndarray:
-        s, d = view.ahead.locate(*points_m.T.astype(np.float32))
-        return light_along(closed, s + view.station_m, d, seed=drive.seed) * clouds
-
-    return light_at
+    s, d = view.ahead.locate(*points_m.T.astype(np.float32))
+    return light_along(closed, s + view.ground.station_m, d, seed=drive.seed) * clouds
 
 
-def _crest(view: _View) -> tuple[float, np.ndarray] | None:
-    """Distance of the first crest that hides road, and mask (height, width) of the ground on its near side."""
-    if view.ahead.profile.level:
-        return None
+def _crest(view: _View) -> tuple[float, np.ndarray | None]:
+    """Distance of the first crest that hides road, and mask (height, width) uint8 of the ground on its near side."""
     distance_m = view.ahead.crest_distance_m(view.camera.require_pose().height_m)
-    near_side = np.zeros((view.camera.height, view.camera.width), bool)
+    if np.isinf(distance_m):
+        return distance_m, None
+    near_side = np.zeros((view.camera.height, view.camera.width), np.uint8)
     near_side[view.ground.top :] = view.ground.visible & (view.ground.distance < distance_m)
-    return (distance_m, near_side) if np.isfinite(distance_m) else None
+    return distance_m, near_side
 
 
 def _backdrop(view: _View) -> np.ndarray:

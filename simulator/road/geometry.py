@@ -19,46 +19,54 @@ GAUSS_NODES, GAUSS_WEIGHTS = np.polynomial.legendre.leggauss(5)
 MAX_TURN_RAD = np.radians(80)
 
 
-def _set_knots(owner: object, *names: str) -> None:
-    """Make arrays of increasing stations and their values, fields of a frozen object."""
-    stations, values = (np.array(getattr(owner, name), float) for name in names)
-    if stations.ndim != 1 or not len(stations) or stations.shape != values.shape or (np.diff(stations) <= 0).any():
-        raise ValueError(f"a road needs increasing stations and one of the {names[1]} for each.")
-    for name, array in zip(names, (stations, values), strict=True):
-        object.__setattr__(owner, name, array)
-
-
 @dataclass(frozen=True, eq=False)
-class HeightProfile:
-    """Height of the road over arc length: constant grades joined by parabolic vertical curves, as roads are designed.
+class PiecewiseLinear:
+    """Function of arc length that is linear between increasing stations and constant outside, and its integral.
 
-    The slope (> 0 uphill) is linear between the increasing stations and constant outside.
-    Raises ValueError as RoadGeometry does.
+    Raises ValueError if the stations do not increase, or there is not one value for each.
     """
 
     stations_m: Any  # array_like; arrays after the checks
-    slopes: Any
+    values: Any
 
     def __post_init__(self) -> None:
-        _set_knots(self, "stations_m", "slopes")
+        stations, values = np.array(self.stations_m, float), np.array(self.values, float)
+        if stations.ndim != 1 or not len(stations) or stations.shape != values.shape or (np.diff(stations) <= 0).any():
+            raise ValueError("a road needs increasing stations and one value for each.")
+        object.__setattr__(self, "stations_m", stations)
+        object.__setattr__(self, "values", values)
+
+    def value(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Values at arc lengths `s_m`."""
+        return np.interp(s_m, self.stations_m, self.values)
+
+    def rate(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Change per metre at arc lengths `s_m`."""
+        return self._knots[1][np.searchsorted(self.stations_m, s_m, side="right")]
+
+    def integral(self, s_m: np.ndarray | float) -> np.ndarray:
+        """Exact integral from the first station to arc lengths `s_m`."""
+        s = np.asarray(s_m, float)
+        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
+        ahead = s - self.stations_m[knot]
+        rate = np.where(s < self.stations_m[0], 0.0, self.rate(s))
+        return self._knots[0][knot] + self.values[knot] * ahead + rate * ahead**2 / 2
+
+    @cached_property
+    def _knots(self) -> tuple[np.ndarray, np.ndarray]:
+        """Integrals at the stations, and rates before, between and after them. A frame reads them often."""
+        steps = np.diff(self.stations_m) * (self.values[1:] + self.values[:-1]) / 2
+        rates = np.concatenate([[0.0], np.diff(self.values) / np.diff(self.stations_m), [0.0]])
+        return np.concatenate([[0.0], np.cumsum(steps)]), rates
+
+
+class HeightProfile(PiecewiseLinear):
+    """Slope of the road (> 0 uphill): constant grades joined by parabolic vertical curves, as roads are designed."""
 
     @property
     def level(self) -> bool:
         """Whether the road is one plane."""
-        return bool((self.slopes == self.slopes[0]).all())
-
-    def slope(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Slope at arc lengths `s_m`, > 0 uphill."""
-        return np.interp(s_m, self.stations_m, self.slopes)
-
-    def height(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Height in metres above the first station; exact."""
-        s = np.asarray(s_m, float)
-        steps = np.diff(self.stations_m) * (self.slopes[1:] + self.slopes[:-1]) / 2
-        at_knots = np.concatenate([[0.0], np.cumsum(steps)])
-        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
-        # The slope is linear from the knot to s, so its mean is the mean of its two ends.
-        return at_knots[knot] + (self.slopes[knot] + self.slope(s)) / 2 * (s - self.stations_m[knot])
+        return bool((self.values == self.values[0]).all())
 
     def height_above_plane(self, s_m: np.ndarray | float, from_m: float) -> np.ndarray:
         """Height in metres above the plane that touches the road at `from_m`, which is the ground plane of a car there.
@@ -67,50 +75,25 @@ class HeightProfile:
         grade of 8 %.
         """
         ahead = np.asarray(s_m, float) - from_m
-        return self.height(s_m) - self.height(from_m) - self.slope(from_m) * ahead
+        return self.integral(s_m) - self.integral(from_m) - self.value(from_m) * ahead
 
 
 FLAT = HeightProfile([0.0], [0.0])
 
 
 @dataclass(frozen=True, eq=False)
-class RoadGeometry:
+class RoadGeometry(PiecewiseLinear):
     """Reference line with piecewise linear curvature: straights, arcs, and clothoids (Euler spirals) between them.
 
-    Heading is the integral of curvature (> 0 bends left, linear between the increasing stations, constant outside),
-    position the integral of (cos, sin) of heading. The line starts at the origin of the world, heading along its x
-    axis, at arc length `stations_m[0]`. The road has no cross slope, so its height, the `profile`, depends on arc
-    length alone.
-
-    Raises
-    ------
-    ValueError
-        If the stations do not increase, or there is not one curvature for each.
+    The values are curvatures in 1/m, > 0 bends left. Heading is the integral of curvature, position the integral of
+    (cos, sin) of heading. The line starts at the origin of the world, heading along its x axis, at arc length
+    `stations_m[0]`. The road has no cross slope, so its height, the `profile`, depends on arc length alone.
     """
 
-    stations_m: Any  # array_like; arrays after the checks
-    curvatures_per_m: Any
     profile: HeightProfile = FLAT
 
-    def __post_init__(self) -> None:
-        _set_knots(self, "stations_m", "curvatures_per_m")
-
-    def curvature(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Curvature in 1/m at arc lengths `s_m`, > 0 bends left."""
-        return np.interp(s_m, self.stations_m, self.curvatures_per_m)
-
-    def curvature_rate(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Change of curvature per metre, in 1/m^2, at arc lengths `s_m`."""
-        return self._knots[1][np.searchsorted(self.stations_m, s_m, side="right")]
-
-    def heading(self, s_m: np.ndarray | float) -> np.ndarray:
-        """Heading in radians at arc lengths `s_m` relative to the start: the exact integral of the curvature."""
-        s = np.asarray(s_m, float)
-        at_knots = self._knots[0]
-        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
-        ahead = s - self.stations_m[knot]
-        rate = np.where(s < self.stations_m[0], 0.0, self.curvature_rate(s))
-        return at_knots[knot] + self.curvatures_per_m[knot] * ahead + rate * ahead**2 / 2
+    # At arc lengths in metres: 1/m, 1/m^2, and radians relative to the start.
+    curvature, curvature_rate, heading = PiecewiseLinear.value, PiecewiseLinear.rate, PiecewiseLinear.integral
 
     def position(self, s_m: np.ndarray | float) -> np.ndarray:
         """World points (..., 2) in metres at arc lengths `s_m`, exact to rounding."""
@@ -118,13 +101,6 @@ class RoadGeometry:
         nodes, points = self._table
         index = np.clip(np.searchsorted(nodes, s, side="right") - 1, 0, len(nodes) - 1)
         return points[index] + self._displacement(nodes[index], s)
-
-    @cached_property
-    def _knots(self) -> tuple[np.ndarray, np.ndarray]:
-        """Headings at the stations, and curvature rates before, between and after them. A frame reads them often."""
-        steps = np.diff(self.stations_m) * (self.curvatures_per_m[1:] + self.curvatures_per_m[:-1]) / 2
-        rates = np.concatenate([[0.0], np.diff(self.curvatures_per_m) / np.diff(self.stations_m), [0.0]])
-        return np.concatenate([[0.0], np.cumsum(steps)]), rates
 
     @cached_property
     def _table(self) -> tuple[np.ndarray, np.ndarray]:

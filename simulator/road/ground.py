@@ -31,10 +31,12 @@ class Ground:
     """Ground seen by the pixels below the horizon: arrays of shape (rows, width), float32, metres.
 
     The first row is image row `top`. Pixels without ground hold points at MAX_GROUND_M, and `visible` is False there.
-    The footprint of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
+    Arc lengths `s` count from that of the car, `station_m`; those of `along` from the start of the road. The footprint
+    of a pixel in s and d is the parallelogram spanned by one step right (`_u`) and one step down (`_v`).
     """
 
     top: int
+    station_m: float
     visible: np.ndarray
     distance: np.ndarray
     x: np.ndarray
@@ -61,8 +63,13 @@ class Ground:
 
     def crop(self, cut: slice, columns: slice = slice(None)) -> Ground:
         """Part of the rows and columns (views, no copies)."""
-        arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self) if f.name != "top"}
+        arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self)[2:]}
         return replace(self, top=self.top + (cut.start or 0), **arrays)
+
+    @cached_property
+    def along(self) -> np.ndarray:
+        """Arc lengths from the start of the road."""
+        return self.s + np.float32(self.station_m)
 
     @cached_property
     def footprint_s(self) -> np.ndarray:
@@ -109,7 +116,7 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
         top, visible, x, y, s, d = cast_on_relief(rays @ to_road, pose.height_m, road)
     smooth = road.profile.level and not road.winding
     steps = (*_steps(s), *_steps(d)) if smooth else _steps_along(road, s, d, x, y)
-    return Ground(top, visible, np.sqrt(x * x + y * y), x, y, s, d, *steps)
+    return Ground(top, road.pose.s_m, visible, np.sqrt(x * x + y * y), x, y, s, d, *steps)
 
 
 def _steps_along(road: RoadAhead, s: np.ndarray, d: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -10,7 +11,7 @@ import cv2
 import numpy as np
 
 from simulator.painting.brush import blend_pixels
-from simulator.painting.noise import band_noise_tile, fade, sample_noise
+from simulator.painting.noise import band_noise_tile, fade, sample, sample_noise
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
 # Linear reflectance relative to fresh white paint.
@@ -75,79 +76,37 @@ class Marking:
             (self.lateral_m - inner - self.width_m, self.lateral_m - inner),
         ]
 
+    def coverage(self, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
+        """Share of each pixel that is covered by fresh paint.
 
-def paint_coverage(marking: Marking, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Share of each pixel that is covered by fresh paint of a marking; `station_m` is the arc length of the car.
-
-    The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road. Returns
-    the pixels with paint (K,), as indices into the raveled ground arrays, and the share (K,) of each.
-    """
-    low, high = min(e[0] for e in marking.stripes), max(e[1] for e in marking.stripes)
-    start, end = np.float32(marking.start_m - station_m), np.float32(marking.end_m - station_m)
-    lateral = ground.d - np.float32(marking.slope) * (ground.s - start) if marking.slope else ground.d
-    pixels = ground.pixels_between(low, high, lateral if marking.slope else None)
-    d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
-    if marking.slope:
-        d_u, d_v = (step - np.float32(marking.slope) * along.ravel()[pixels] for step, along in
-                    ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
-    coverage: Any = sum(strip_coverage(d, d_u, d_v, *edges) for edges in marking.stripes)
-    s, footprint = ground.s.ravel()[pixels], ground.footprint_s.ravel()[pixels]
-    if marking.dashed:
-        period = sum(marking.dash_m)
-        s_dash = s + np.float32((station_m - marking.phase_m) % period)
-        if marking.botts:
-            places = np.float32(BOTTS_EVERY_M) * np.arange(4, dtype=np.float32)
-            coverage = coverage * sum(
-                dash_coverage(s_dash - place, footprint, BOTTS_LENGTH_M, period) for place in places
-            )
-        else:
-            coverage = coverage * dash_coverage(s_dash, footprint, marking.dash_m[0], period)
-    if (marking.start_m, marking.end_m) != (-ENDLESS_M, ENDLESS_M):
-        coverage = coverage * _between(s, footprint, start, end)
-    return pixels, coverage
+        The lateral edges are integrated exactly over the pixel, the ends of dashes over its length along the road.
+        Returns the pixels with paint (K,), as indices into the raveled ground arrays, and the share (K,) of each.
+        """
+        low, high = min(e[0] for e in self.stripes), max(e[1] for e in self.stripes)
+        start, end = np.float32(self.start_m - ground.station_m), np.float32(self.end_m - ground.station_m)
+        lateral = ground.d - np.float32(self.slope) * (ground.s - start) if self.slope else ground.d
+        pixels = ground.pixels_between(low, high, lateral if self.slope else None)
+        d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
+        if self.slope:
+            d_u, d_v = (step - np.float32(self.slope) * along.ravel()[pixels] for step, along in
+                        ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
+        share: Any = sum(strip_coverage(d, d_u, d_v, *edges) for edges in self.stripes)
+        s, footprint = ground.s.ravel()[pixels], ground.footprint_s.ravel()[pixels]
+        if self.dashed:
+            period = sum(self.dash_m)
+            s_dash = s + np.float32((ground.station_m - self.phase_m) % period)
+            count, paint_m = (4, BOTTS_LENGTH_M) if self.botts else (1, self.dash_m[0])
+            places = np.float32(BOTTS_EVERY_M) * np.arange(count, dtype=np.float32)
+            share = share * sum(dash_coverage(s_dash - place, footprint, paint_m, period) for place in places)
+        if (self.start_m, self.end_m) != (-ENDLESS_M, ENDLESS_M):
+            share = share * _between(s, footprint, start, end)
+        return pixels, share
 
 
 def _between(s: np.ndarray, footprint: np.ndarray, start: np.float32, end: np.float32) -> np.ndarray:
     """Share of [s - footprint/2, s + footprint/2] between `start` and `end`."""
     inside = np.minimum(s + footprint / 2, end) - np.maximum(s - footprint / 2, start)
     return np.clip(inside / np.maximum(footprint, np.float32(1e-4)), 0, 1)
-
-
-def paint_markings(
-    albedo: np.ndarray, markings: tuple[Marking, ...], ground: Ground, *, station_m: float, seed: int
-) -> None:
-    """Paint the markings onto the road's reflectance (rows, width, 3) float32, in place."""
-    for number, marking in enumerate(markings):
-        pixels, coverage = paint_coverage(marking, ground, station_m=station_m)
-        if not len(pixels):
-            continue
-        if marking.wear:
-            coverage = coverage * worn(marking.wear, ground, pixels, station_m, seed + number)
-        colour = np.array(marking.colour, np.float32)
-        blend_pixels(albedo, pixels, coverage, colour)
-        if marking.dots:
-            blend_pixels(albedo, *paint_coverage(_dots(marking), ground, station_m=station_m), colour)
-
-
-def worn(wear: float, ground: Ground, pixels: np.ndarray, station_m: float, seed: int) -> np.ndarray:
-    """Share (K,) of paint left at the given pixels after wear by chips and tyres; `wear` as in Marking."""
-    s, d = (array.ravel()[pixels] for array in (ground.s, ground.d))
-    s = s + np.float32(station_m)
-    tile = band_noise_tile(seed)
-    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.footprint_s.ravel()[pixels], 0.10)
-    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.footprint_s.ravel()[pixels], 2.5)
-    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
-    return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
-
-
-def _dots(marking: Marking) -> Marking:
-    """Raised markers, 0.10 m square: 12.2 m apart in the middle of the gaps, or 14.6 m apart next to a solid line."""
-    paint, gap = marking.dash_m
-    period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
-    first = marking.phase_m + (paint + gap / 2 if marking.dashed else 0.0)
-    # Markers are 2 cm high, so each looks about twice as long from the car.
-    dash_m, centre_m = (0.20, period - 0.20), marking.lateral_m - float(np.copysign(side, marking.lateral_m))
-    return Marking(centre_m, 0.10, marking.colour, dashed=True, phase_m=first, dash_m=dash_m)
 
 
 @dataclass(frozen=True)
@@ -163,44 +122,61 @@ class Symbol:
     length_m: float = 3.6
     width_m: float = 1.2
     wear: float = 0.2
+    colour: tuple[float, float, float] = WHITE
+
+    def coverage(self, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
+        """Pixels and shares of the symbol; see `Marking.coverage`."""
+        near = np.float32(self.s_m - ground.station_m)
+        far = near + np.float32(self.length_m)
+        left = np.float32(self.lateral_m + self.width_m / 2)
+        margin = ground.footprint_s
+        inside = (ground.s > near - margin) & (ground.s < far + margin) & ground.visible
+        inside &= np.abs(ground.d - np.float32(self.lateral_m)) < np.float32(self.width_m / 2 + 0.1)
+        pixels = np.flatnonzero(inside)
+        if not len(pixels):
+            return pixels, np.zeros(0, np.float32)
+        s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
+        levels = _stencil(self.kind, self.length_m, self.width_m)
+        # Footprints are much longer than wide, so only the rows are averaged.
+        footprint_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
+        level = int(np.clip(np.rint(np.log2(max(footprint_px, 1.0))), 0, len(levels) - 1))
+        row = ((far - s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
+        column = (left - d) * np.float32(ACROSS_PX_PER_M)
+        return pixels, sample(levels[level], column + 4, row + 4)
 
 
-def paint_symbols(
-    albedo: np.ndarray, symbols: tuple[Symbol, ...], ground: Ground, *, station_m: float, seed: int
-) -> None:
-    """Paint the symbols onto the road's reflectance (rows, width, 3) float32, in place."""
-    for number, symbol in enumerate(symbols):
-        pixels, coverage = symbol_coverage(symbol, ground, station_m=station_m)
-        if len(pixels):
-            coverage = coverage * worn(symbol.wear, ground, pixels, station_m, seed + number)
-            blend_pixels(albedo, pixels, coverage, np.array(WHITE, np.float32))
+def paint_markings(albedo: np.ndarray, markings: Sequence[Marking | Symbol], ground: Ground, *, seed: int) -> None:
+    """Paint the markings onto the road's reflectance (rows, width, 3) float32, in place."""
+    for number, marking in enumerate(markings):
+        pixels, coverage = marking.coverage(ground)
+        if not len(pixels):
+            continue
+        if marking.wear:
+            coverage = coverage * worn(marking.wear, ground, pixels, seed + number)
+        colour = np.array(marking.colour, np.float32)
+        blend_pixels(albedo, pixels, coverage, colour)
+        if isinstance(marking, Marking) and marking.dots:
+            blend_pixels(albedo, *_dots(marking).coverage(ground), colour)
 
 
-def symbol_coverage(symbol: Symbol, ground: Ground, *, station_m: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pixels (K,), as indices into the raveled ground arrays, and the share (K,) of each that a symbol covers."""
-    near = np.float32(symbol.s_m - station_m)
-    far = near + np.float32(symbol.length_m)
-    left = np.float32(symbol.lateral_m + symbol.width_m / 2)
-    margin = ground.footprint_s
-    inside = (ground.s > near - margin) & (ground.s < far + margin) & ground.visible
-    inside &= np.abs(ground.d - np.float32(symbol.lateral_m)) < np.float32(symbol.width_m / 2 + 0.1)
-    pixels = np.flatnonzero(inside)
-    if not len(pixels):
-        return pixels, np.zeros(0, np.float32)
-    s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
-    levels = _stencil(symbol.kind, symbol.length_m, symbol.width_m)
-    # Footprints are much longer than wide, so only the rows are averaged.
-    footprint_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
-    level = int(np.clip(np.rint(np.log2(max(footprint_px, 1.0))), 0, len(levels) - 1))
-    row = ((far - s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
-    column = (left - d) * np.float32(ACROSS_PX_PER_M)
-    coverage = np.zeros(len(pixels), np.float32)
-    # OpenCV refuses maps longer than 32767.
-    for part in range(0, len(pixels), 32000):
-        cut = slice(part, part + 32000)
-        padded = cv2.remap(levels[level], column[cut][:, None] + 4, row[cut][:, None] + 4, cv2.INTER_LINEAR)
-        coverage[cut] = padded.ravel()
-    return pixels, coverage
+def worn(wear: float, ground: Ground, pixels: np.ndarray, seed: int) -> np.ndarray:
+    """Share (K,) of paint left at the given pixels after wear by chips and tyres; `wear` as in Marking."""
+    s, d = (array.ravel()[pixels] for array in (ground.along, ground.d))
+    tile = band_noise_tile(seed)
+    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.footprint_s.ravel()[pixels], 0.10)
+    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.footprint_s.ravel()[pixels], 2.5)
+    lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
+    return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
+
+
+def _dots(marking: Marking) -> Marking:
+    """Raised markers, 0.10 m square: 12.2 m apart in the middle of the gaps, or 14.6 m apart next to a solid line."""
+    paint, gap = marking.dash_m
+    period, side = (paint + gap, 0.0) if marking.dashed else (14.63, marking.width_m / 2 + 0.12)
+    first = marking.phase_m + (paint + gap / 2 if marking.dashed else 0.0)
+    # Markers are 2 cm high, so each looks about twice as long from the car.
+    dash_m, centre_m = (0.20, period - 0.20), marking.lateral_m - float(np.copysign(side, marking.lateral_m))
+    return Marking(centre_m, 0.10, marking.colour, dashed=True, phase_m=first, dash_m=dash_m)
 
 
 @lru_cache(maxsize=32)

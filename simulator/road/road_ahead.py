@@ -11,6 +11,8 @@ from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 
 # A road with curvature above this is winding: mountain roads are, motorways and country roads are not.
 WINDING_PER_M = 1 / 120
+# Range of the tables.
+BEHIND_M, AHEAD_M = 40.0, 900.0
 # Length of a winding road that is drawn; the rest is behind trees.
 WINDING_AHEAD_M = 220.0
 # Range of the search for crests, and the smallest slope (2 pixels of a dashcam) that a crest must hide.
@@ -22,9 +24,8 @@ MAP_X_M, MAP_Y_M, MAP_CELL_M = (-40.0, 160.0), (-120.0, 120.0), 0.5
 class RoadAhead:
     """Tables of the road in the car's frame, for road coordinates (s, d) of many ground points (float32).
 
-    Arc lengths are relative to `pose.s_m`, which keeps float32 exact to 0.1 mm. The tables reach from `behind_m` to
-    `ahead_m`. Unless the road is `winding`, they end where it has turned by 80 degrees, because one x has two points on
-    the road beyond that.
+    Arc lengths are relative to `pose.s_m`, which keeps float32 exact to 0.1 mm. Unless the road is `winding`, the
+    tables end where it has turned by 80 degrees, because one x has two points on the road beyond that.
 
     Attributes
     ----------
@@ -35,10 +36,8 @@ class RoadAhead:
 
     STEP_M = 0.5
 
-    def __init__(
-        self, road: RoadGeometry, pose: VehiclePose, *, behind_m: float = 40.0, ahead_m: float = 900.0
-    ) -> None:
-        s = np.arange(-behind_m, ahead_m + self.STEP_M, self.STEP_M)
+    def __init__(self, road: RoadGeometry, pose: VehiclePose) -> None:
+        s = np.arange(-BEHIND_M, AHEAD_M + self.STEP_M, self.STEP_M)
         angle = road.heading(pose.s_m + s) - pose.absolute_heading(road)
         turned = np.flatnonzero((np.abs(angle) > MAX_TURN_RAD) & (s > 0))
         sharpest = np.abs(road.curvature(pose.s_m + s[s < WINDING_AHEAD_M])).max()
@@ -48,7 +47,7 @@ class RoadAhead:
         points = pose.to_car(road, road.position(pose.s_m + s))
         table = (points[:, 0], points[:, 1], np.cos(angle), np.sin(angle), road.curvature(pose.s_m + s))
         self.profile = road.profile
-        self._pose = pose
+        self.pose = pose
         self._s0 = np.float32(s[0])
         self._table = [column.astype(np.float32) for column in table]
         if self.winding:
@@ -59,7 +58,7 @@ class RoadAhead:
             x = np.arange(points[0, 0], points[-1, 0], self.STEP_M)
             self._guess = np.rint((np.interp(x, points[:, 0], s) - s[0]) / self.STEP_M).astype(np.intp)
 
-    def locate(self, x_m: np.ndarray, y_m: np.ndarray, *, iterations: int = 3) -> tuple[np.ndarray, np.ndarray]:
+    def locate(self, x_m: np.ndarray, y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Road coordinates (s, d) of ground points (x forward, y left) in the car's frame: float32, metres, any shape.
 
         s counts from the car's arc length, d to the left of the reference line. Each iteration projects the point onto
@@ -69,7 +68,7 @@ class RoadAhead:
         x, y = x_m.ravel(), y_m.ravel()
         node = first = self._first_node(x, y)
         s, d = self._project(x, y, node)
-        for _ in range(iterations - 1):
+        for _ in range(2):
             nearest = self._nearest_node(s)
             if self.winding:
                 # The map is exact to some nodes. A longer step could lead to another bend.
@@ -101,7 +100,7 @@ class RoadAhead:
 
     def height_above_plane(self, s: np.ndarray) -> np.ndarray:
         """Height in metres of the ground, `s` metres from the car, above the plane that touches the road below it."""
-        return self.profile.height_above_plane(s + self._pose.s_m, self._pose.s_m)
+        return self.profile.height_above_plane(s + self.pose.s_m, self.pose.s_m)
 
     def height_and_grade(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """`height_above_plane` for many points (float32), and the slope there minus the slope below the car.
@@ -115,9 +114,9 @@ class RoadAhead:
     @cached_property
     def _heights(self) -> tuple[np.ndarray, np.ndarray]:
         """Height above the plane, and relative slope, at the table's nodes."""
-        s = self._pose.s_m + float(self._s0) + self.STEP_M * np.arange(len(self._table[0]))
-        grade = self.profile.slope(s) - self.profile.slope(self._pose.s_m)
-        return self.profile.height_above_plane(s, self._pose.s_m).astype(np.float32), grade.astype(np.float32)
+        s = self.pose.s_m + float(self._s0) + self.STEP_M * np.arange(len(self._table[0]))
+        grade = self.profile.value(s) - self.profile.value(self.pose.s_m)
+        return self.profile.height_above_plane(s, self.pose.s_m).astype(np.float32), grade.astype(np.float32)
 
     def crest_distance_m(self, height_m: float) -> float:
         """Distance in metres of the first crest that hides road from an eye `height_m` above it; infinite if none."""

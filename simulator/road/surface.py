@@ -1,10 +1,29 @@
-"""The road surface as data: materials, pavement, patches, seams and verges; `simulator.road.albedo` paints it."""
+"""The road surface: materials, pavement, patches, seams and verges, and their albedo at the ground points of a view."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+import cv2
+import numpy as np
+
+from simulator.painting.brush import blend_pixels
+from simulator.painting.noise import band_noise_tile, fade, sample_noise
+from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
+
 TAR = (0.028, 0.027, 0.029)
+# Largest displacement of the edges of a patch: five standard deviations of the noise of 3 cm.
+EDGE_NOISE_M = 0.15
+# Linear reflectance in a dry summer, 1.0 = white paint.
+GRAVEL = np.array([0.30, 0.255, 0.185], np.float32)
+DIRT = np.array([0.34, 0.265, 0.165], np.float32)
+VERGE_GRASS = np.array([0.40, 0.285, 0.135], np.float32)
+DUST = (0.26, 0.235, 0.215)
+# Index of the blotches in the noise layers.
+BLOTCH = 1
+# Width of the dust on the pavement, and its coverage at the edge.
+DUST_REACH_M = 2.0
+DUST_SHARE = 0.22
 
 
 @dataclass(frozen=True)
@@ -26,28 +45,17 @@ class Material:
     slab_m: float = 0.0
 
 
+# Colour, then grain, blotch, stain, streak, track, oil.
 MATERIALS = {
-    "fresh asphalt": Material(
-        (0.075, 0.070, 0.085), grain=0.15, blotch=0.05, stain=0.05, streak=0.05, track=0.07, oil=-0.08
-    ),
-    "asphalt": Material((0.106, 0.100, 0.105), grain=0.15, blotch=0.07, stain=0.12, streak=0.06, track=0.08, oil=-0.12),
-    "grey asphalt": Material(
-        (0.128, 0.124, 0.127), grain=0.13, blotch=0.05, stain=0.06, streak=0.04, track=0.05, oil=-0.06
-    ),
-    "grey concrete": Material(
-        (0.262, 0.252, 0.250), grain=0.10, blotch=0.05, stain=0.07, streak=0.04, track=-0.04, oil=-0.06
-    ),
-    "old asphalt": Material(
-        (0.165, 0.152, 0.148), grain=0.14, blotch=0.09, stain=0.16, streak=0.07, track=-0.07, oil=-0.16
-    ),
-    "concrete": Material(
-        (0.60, 0.515, 0.445), grain=0.07, blotch=0.07, stain=0.20, streak=0.05, track=-0.06, oil=-0.15, slab_m=4.6
-    ),
-    "old concrete": Material(
-        (0.27, 0.25, 0.235), grain=0.11, blotch=0.08, stain=0.16, streak=0.08, track=-0.06, oil=-0.14
-    ),
-    "dirt": Material((0.30, 0.235, 0.15), grain=0.20, blotch=0.16, stain=0.10, streak=0.10, track=0.24, oil=-0.16),
-    "paint": Material((0.80, 0.79, 0.75), grain=0.08, blotch=0.08, stain=0.30, streak=0.05, track=0.0, oil=0.0),
+    "fresh asphalt": Material((0.075, 0.070, 0.085), 0.15, 0.05, 0.05, 0.05, 0.07, -0.08),
+    "asphalt": Material((0.106, 0.100, 0.105), 0.15, 0.07, 0.12, 0.06, 0.08, -0.12),
+    "grey asphalt": Material((0.128, 0.124, 0.127), 0.13, 0.05, 0.06, 0.04, 0.05, -0.06),
+    "grey concrete": Material((0.262, 0.252, 0.250), 0.10, 0.05, 0.07, 0.04, -0.04, -0.06),
+    "old asphalt": Material((0.165, 0.152, 0.148), 0.14, 0.09, 0.16, 0.07, -0.07, -0.16),
+    "concrete": Material((0.60, 0.515, 0.445), 0.07, 0.07, 0.20, 0.05, -0.06, -0.15, slab_m=4.6),
+    "old concrete": Material((0.27, 0.25, 0.235), 0.11, 0.08, 0.16, 0.08, -0.06, -0.14),
+    "dirt": Material((0.30, 0.235, 0.15), 0.20, 0.16, 0.10, 0.10, 0.24, -0.16),
+    "paint": Material((0.80, 0.79, 0.75), 0.08, 0.08, 0.30, 0.05, 0.0, 0.0),
 }
 
 
@@ -103,3 +111,168 @@ class Surface:
     patches: tuple[Patch, ...] = ()
     seams: tuple[Seam, ...] = ()
     verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
+
+
+def ground_albedo(surface: Surface, ground: Ground, *, seed: int) -> np.ndarray:
+    """Reflectance (rows, width, 3) of the ground without markings, linear float32 RGB, 1.0 = white paint."""
+    layers = _noise_layers(surface, ground, seed)
+    albedo = _pavement(surface, ground, layers)
+    for patch in surface.patches:
+        _paint_patch(albedo, patch, ground, layers)
+    for number, seam in enumerate(surface.seams):
+        _paint_seam(albedo, seam, ground, seed + 50 + number)
+    _paint_verge(albedo, surface, ground, layers[BLOTCH], seed=seed + 11)
+    return albedo
+
+
+def _noise_layers(surface: Surface, ground: Ground, seed: int) -> list[np.ndarray]:
+    """Noise (rows, width) shared by all materials: grain, blotch, stain, streak, and the wear track and oil.
+
+    Each has about unit strength near the car, and is attenuated by the footprint.
+    """
+    footprint, s = ground.footprint_s, ground.along
+    grain = np.zeros_like(s)
+    for number, (wave, strength) in enumerate(((0.022, 1.0), (0.06, 0.7), (0.25, 0.25))):
+        # Only rows near enough to resolve this grain.
+        near = footprint[:, s.shape[1] // 2] < 3 * wave
+        first = int(np.argmax(near)) if near.any() else len(s)
+        if first < len(s):
+            # Stretched along the road, because the car moves 2 to 3 cm during the exposure.
+            part = sample_noise(
+                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
+            )
+            grain[first:] += part * fade(footprint[first:], wave) * np.float32(strength)
+    tile = band_noise_tile(seed + 7, octaves=4)
+    # Stains are stretched in the direction of travel.
+    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(footprint, 10.0)
+    streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
+    track, oil = _wear_profiles(surface, ground.d)
+    uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
+    spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
+    # Oil and rubber lie in the wheel tracks, so dark areas have more spots.
+    stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
+    stain *= fade(footprint, 6.0)
+    return [grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven]
+
+
+def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Wheel tracks (0.85 m to either side of a lane's centre) and oil streak (centre), each evaluated at d."""
+    step = 0.02
+    at = np.arange(-40, 40, step)
+    track, oil = np.zeros_like(at), np.zeros_like(at)
+    for centre in surface.lane_centres_m:
+        track += np.exp(-(((np.abs(at - centre) - 0.85) / 0.30) ** 2))
+        oil += np.exp(-(((at - centre) / 0.38) ** 2))
+    index = ((d + np.float32(40)) / np.float32(step)).astype(np.intp)
+    # mode="clip" repeats the ends and saves numpy the bounds check.
+    track, oil = (profile.astype(np.float32).take(index, mode="clip") for profile in (track, oil))
+    return track, oil
+
+
+def _pavement(surface: Surface, ground: Ground, layers: list[np.ndarray]) -> np.ndarray:
+    """Reflectance of the zones, each computed only in the rows that show it."""
+    s, zones = ground.along, sorted(surface.zones, key=lambda zone: zone.start_m)
+    started = [z for z in zones if z.start_m < s.min() - 10]
+    albedo = _material((started or zones)[-1 if started else 0].material, ground, layers)
+    for zone in zones[len(started) if started else 1 :]:
+        beyond = np.flatnonzero((s > zone.start_m - 10).any(axis=1))
+        if not len(beyond):
+            break
+        cut = slice(0, beyond[-1] + 1)
+        part, part_layers = ground.crop(cut), [layer[cut] for layer in layers]
+        # The edge is irregular by a few centimetres.
+        t = part.along - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
+        t += np.float32(0.05) * part_layers[BLOTCH]
+        _blend(albedo[cut], zone.material, part, part_layers, edge_coverage(t, part.s_u, part.s_v))
+    return albedo
+
+
+def _material(name: str, ground: Ground, layers: list[np.ndarray]) -> np.ndarray:
+    """Reflectance (rows, width, 3) of a material."""
+    material, (grain, blotch, stain, streak, track, oil) = MATERIALS[name], layers
+    tone = 1 + np.float32(material.grain) * grain + np.float32(material.blotch) * blotch
+    tone += np.float32(material.streak) * streak - np.float32(material.stain) * stain
+    tone += np.float32(material.track) * track + np.float32(material.oil) * oil
+    if material.slab_m:
+        joint = dash_coverage(ground.along, ground.footprint_s, 0.02, material.slab_m)
+        tone -= np.float32(0.35) * joint
+    np.maximum(tone, np.float32(0.25), out=tone)
+    return cv2.merge([tone * np.float32(channel) for channel in material.colour])
+
+
+def _blend(below: np.ndarray, name: str, ground: Ground, layers: list[np.ndarray], share: np.ndarray) -> None:
+    """Blend a material over the reflectance `below` with opacity `share`, in place."""
+    above = _material(name, ground, layers)
+    above -= below
+    # cv2.merge, because numpy is slow where the innermost axis has three elements.
+    above *= cv2.merge([share] * 3)
+    below += above
+
+
+def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, layers: list[np.ndarray]) -> None:
+    # Only the rows and columns that show the patch, because a parking stall fills 2 % of the image.
+    margin_s, margin_d = (half / 2 + np.float32(EDGE_NOISE_M) for half in (ground.footprint_s, ground.footprint_d))
+    near: np.ndarray = cv2.inRange(
+        ground.along, np.float32(patch.start_m) - margin_s, np.float32(patch.end_m) + margin_s
+    )
+    near &= cv2.inRange(ground.d, np.float32(patch.low_m) - margin_d, np.float32(patch.high_m) + margin_d)
+    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return
+    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    part, layers = ground.crop(*cut), [layer[cut] for layer in layers]
+    wobble = np.float32(0.03) * layers[BLOTCH]
+    ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None, None]
+    beyond_start, beyond_end = edge_coverage(part.along - ends + wobble, part.s_u, part.s_v)
+    share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
+    _blend(albedo[cut], patch.material, part, layers, share)
+
+
+def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, seed: int) -> None:
+    margin = seam.width_m + 3 * seam.wander_m + seam.soft_m
+    pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
+    along = ground.along.ravel()[pixels]
+    pixels = pixels[(along > seam.start_m) & (along < seam.end_m)]
+    if not len(pixels):
+        return
+    d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.along))
+    tile = band_noise_tile(seed, octaves=3)
+    bend, thick = (sample_noise(tile, along, np.full_like(along, d0), wave_s_m=2.4, wave_d_m=1.0) for d0 in (0, 31))
+    width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
+    offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
+    d_u = np.abs(d_u) + np.float32(seam.soft_m)
+    beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, d_v)
+    share = np.clip(beyond_low - beyond_high, 0, 1) * np.float32(seam.strength)
+    blend_pixels(albedo, pixels, share, np.array(seam.colour, np.float32))
+
+
+def _paint_verge(albedo: np.ndarray, surface: Surface, ground: Ground, blotch: np.ndarray, *, seed: int) -> None:
+    """Paint the ground next to the pavement onto the reflectance, in place; `blotch` (rows, width) is noise."""
+    beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
+    pixels = np.flatnonzero(beyond > -ground.footprint_d - np.float32(DUST_REACH_M))
+    if not len(pixels):
+        return
+    arrays = (ground.along, ground.d, ground.d_u, ground.d_v, ground.footprint_s, beyond)
+    s, d, d_u, d_v, footprint, beyond = (array.ravel()[pixels] for array in arrays)
+    cloudy = band_noise_tile(seed, octaves=4)
+    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(footprint, 3.0)
+    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(footprint, 30.0)
+    fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
+    tufts = sample_noise(band_noise_tile(seed + 2), s, d, wave_s_m=0.6, wave_d_m=0.22)
+    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
+    # Dry grass in tufts, with bare soil and dark gaps; its border follows the tufts.
+    grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
+    grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
+    grass *= np.maximum(1 + 0.22 * rough + 0.35 * fine + 0.25 * tufts, 0.12)
+    to_grass = edge_coverage(beyond - np.float32(surface.gravel_m) + 0.15 * rough + 0.2 * broad, d_u + 0.5, d_v)
+    verge = GRAVEL[:, None] * (1 + 0.16 * rough + 0.15 * fine)
+    verge += to_grass * (grass - verge)
+    verge *= np.array(surface.verge_tint, np.float32)[:, None]
+    if surface.opposite_m is not None:
+        # Plain asphalt, because barriers hide most of it.
+        asphalt = np.array(MATERIALS["asphalt"].colour, np.float32)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
+        verge += strip_coverage(d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
+    share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
+    dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
+    share += (1 - share) * np.float32(DUST_SHARE) * dust
+    blend_pixels(albedo, pixels, share, verge)

@@ -26,6 +26,12 @@ from simulator.road.geometry import (
 # Image rows of the line columns in the truth files, as in TuSimple's benchmark; -2 where there is no line.
 H_SAMPLES = np.arange(420, 701, 10)
 NOT_VISIBLE = -2.0
+# Decimals of the fields of Truth and of its lines in the truth files, in the order of the columns.
+SCALAR_DIGITS = {
+    **{"offset_m": 6, "heading_rad": 8, "curvature_per_m": 10, "curvature_rate_per_m2": 12},
+    **{"lane_width_m": 6, "pitch_rad": 8},
+}
+LINE_DIGITS = {"c0_m": 6, "c1": 8, "c2_per_m": 10, "c3_per_m2": 12}
 NO_LINE = LinePolynomial(np.nan, np.nan, np.nan, np.nan)
 # Distances ahead of the lateral line positions in the truth files.
 STILL_X_M = np.arange(5.0, 61.0, 5.0)
@@ -135,7 +141,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     # Only points above all nearer ones are kept: parts hidden by a crest are lower in the image than the crest.
     rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
     u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
-    outside = np.isnan(u) | (u < 0) | (u > camera.width - 1)
+    outside = np.isnan(u) | (u < 0) | (u > camera.width - 1) | (camera.height <= H_SAMPLES)
     return np.where(outside, NOT_VISIBLE, u)
 
 
@@ -188,21 +194,9 @@ def write_truth_csv(path: Path, rows: list[dict]) -> None:
 
 
 def _scalars(truth: Truth) -> dict[str, float | None]:
-    row = {
-        "offset_m": _rounded(truth.offset_m, 6),
-        "heading_rad": _rounded(truth.heading_rad, 8),
-        "curvature_per_m": _rounded(truth.curvature_per_m, 10),
-        "curvature_rate_per_m2": _rounded(truth.curvature_rate_per_m2, 12),
-        "lane_width_m": _rounded(truth.lane_width_m, 6),
-        "pitch_rad": _rounded(truth.pitch_rad, 8),
-    }
+    row = {name: _rounded(getattr(truth, name), digits) for name, digits in SCALAR_DIGITS.items()}
     for name, line in (("left", truth.left), ("right", truth.right)):
-        row |= {
-            f"{name}_c0_m": _rounded(line.c0_m, 6),
-            f"{name}_c1": _rounded(line.c1, 8),
-            f"{name}_c2_per_m": _rounded(line.c2_per_m, 10),
-            f"{name}_c3_per_m2": _rounded(line.c3_per_m2, 12),
-        }
+        row |= {f"{name}_{field}": _rounded(getattr(line, field), digits) for field, digits in LINE_DIGITS.items()}
     return row
 
 

@@ -10,7 +10,8 @@ from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.vehicles import Car
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import Symbol
@@ -80,7 +81,7 @@ def harder_challenge_video() -> Drive:
             later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
         ),
         markings=tuple(replace(m, wear=wear) for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)),
-        objects=(*base.objects, PlacedObject(96.0, MOUNTAIN_LANE_WIDTH_M, Car(0, 0, np.pi, "blue"), -8.0)),
+        objects=(*base.objects, PlacedObject(96.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0)),
         shades=(
             WoodShade(-20.0, 24.0, flecks=0.10),
             TreeShade(58.0, 70.0, -5.0, 7.0, 0.95),

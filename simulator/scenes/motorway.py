@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
@@ -17,11 +16,10 @@ from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
 from simulator.road.surface import Patch, Seam, Zone
 from simulator.scenes.freeway import (
     LANE_WIDTH_M,
+    Freeway,
     car,
     daylight,
     freeway_drive,
-    freeway_markings,
-    freeway_surface,
     oncoming_cars,
     plant_trees,
 )
@@ -35,24 +33,26 @@ JOINT_M, JOINT_BARRIER_M = -0.03, LANE_WIDTH_M / 2 + 0.85
 FADED_YELLOW = (0.50, 0.30, 0.055)
 # Temporary yellow or orange of road works.
 WORKS_YELLOW = (1.0, 0.45, 0.03)
+MOTORWAY = Freeway(phase_m=4.0, wear=0.3, opposite_m=17.0)
+# The same with the ego lane in the middle.
+MIDDLE_LANE = replace(MOTORWAY, lanes_left=1, lanes_right=2, phase_m=2.0)
 
 
 def project_video() -> Drive:
     """Ten seconds at 27 m/s: straight, an S-bend left (R 520 m) and right (R 400 m), tree shadows, light concrete."""
     bank = PlacedWall(-18.0, "bank", seed=16)
     return freeway_drive(
+        replace(
+            MOTORWAY,
+            pavement="fresh asphalt",
+            zones=(Zone(190.0, "concrete", 0.3), Zone(245.0, "asphalt", 0.2)),
+            wear=0.25,
+            patches=(Patch(70.0, 78.0, -1.6, 0.1, "asphalt"),),
+            seams=(Seam(0.5, 0.03, 0.08, 95.0, 130.0),),
+        ),
         road=RoadGeometry(
             [0.0, 75.0, 125.0, 175.0, 255.0, 330.0, 420.0, 600.0],
             [0.0, 0.0, 1 / 520, 1 / 520, -1 / 400, -1 / 400, 0.0, 0.0],
-        ),
-        markings=freeway_markings(phase_m=4.0, wear=0.25, opposite_m=17.0),
-        surface=freeway_surface(
-            Zone(-100.0, "fresh asphalt"),
-            Zone(190.0, "concrete", 0.3),
-            Zone(245.0, "asphalt", 0.2),
-            opposite_m=17.0,
-            patches=(Patch(70.0, 78.0, -1.6, 0.1, "asphalt"),),
-            seams=(Seam(0.5, 0.03, 0.08, 95.0, 130.0),),
         ),
         shades=(
             TreeShade(142.0, 158.0, -5.0, 8.0, 0.95),
@@ -80,7 +80,7 @@ def project_video() -> Drive:
     )
 
 
-def motorway_drive(**changes) -> Drive:
+def motorway_drive(freeway: Freeway = MOTORWAY, **changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
     The car is in the leftmost of four lanes, between solid yellow and broken white. A barrier and the
@@ -88,11 +88,10 @@ def motorway_drive(**changes) -> Drive:
     """
     bank = PlacedWall(-18.0, "bank", seed=26)
     drive = freeway_drive(
+        freeway,
         road=RoadGeometry(
             [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
         ),
-        markings=freeway_markings(phase_m=4.0, wear=0.3, opposite_m=17.0),
-        surface=freeway_surface(Zone(-100.0, "asphalt"), opposite_m=17.0),
         objects=(
             PlacedWall(4.4, "jersey", seed=25),
             bank,
@@ -117,15 +116,17 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     As in the real challenge drive, the yellow line is thin and faded, on the dark side, next to the shadow of the
     barrier. The car keeps its lateral position to some centimetres.
     """
-    yellow, *white = freeway_markings(phase_m=4.0, wear=0.35, opposite_m=17.0)
+    freeway = replace(
+        MOTORWAY,
+        pavement="grey concrete",
+        wear=0.35,
+        left_shoulder_m=JOINT_BARRIER_M - LANE_WIDTH_M / 2 + 0.05,
+        patches=(Patch(-200.0, 800.0, JOINT_M, 4.4, "grey asphalt"), *patches),
+        seams=(Seam(JOINT_M, 0.02, 0.01, strength=0.35), *seams),
+    )
+    yellow, *white = freeway.markings()
     return {
-        "surface": freeway_surface(
-            Zone(-100.0, "grey concrete"),
-            left_shoulder_m=JOINT_BARRIER_M - LANE_WIDTH_M / 2 + 0.05,
-            opposite_m=17.0,
-            patches=(Patch(-200.0, 800.0, JOINT_M, 4.4, "grey asphalt"), *patches),
-            seams=(Seam(JOINT_M, 0.02, 0.01, strength=0.35), *seams),
-        ),
+        "surface": freeway.surface(),
         "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
         "motion": replace(motorway_drive().motion, offset_m=0.12, wander_m=0.05),
         "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
@@ -140,7 +141,6 @@ def _without_barrier() -> tuple[PlacedObject | PlacedWall | Overpass, ...]:
 
 
 def _joint_and_seam() -> Drive:
-    """Bend to the right (R 620 m) with a joint in the lane, later with a tar seam next to it."""
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
         objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *_without_barrier()),
@@ -151,11 +151,9 @@ def _joint_and_seam() -> Drive:
 
 
 def _barrier() -> Drive:
-    """Barrier 0.6 m from the yellow line; its shadow ends at the paint."""
     return motorway_drive(
+        replace(MOTORWAY, pavement="old asphalt", left_shoulder_m=0.65, wear=0.45),
         objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *_without_barrier()),
-        surface=freeway_surface(Zone(-100.0, "old asphalt"), opposite_m=17.0, left_shoulder_m=0.65),
-        markings=freeway_markings(phase_m=4.0, wear=0.45, opposite_m=17.0),
         motion=replace(motorway_drive().motion, offset_m=-0.2),
         seed=133,
         **daylight(75, 42, cloud_cover=0.2, tree_density=0.7),
@@ -163,19 +161,18 @@ def _barrier() -> Drive:
 
 
 def _worn_paint() -> Drive:
-    """Old asphalt with patches and stains, and very worn lines on both sides."""
-    surface = freeway_surface(
-        Zone(-100.0, "old asphalt"),
+    freeway = Freeway(
+        "old asphalt",
+        wear=0.8,
         opposite_m=17.0,
         patches=(Patch(34.0, 41.0, -1.7, 0.1, "asphalt"), Patch(66.0, 78.0, -0.3, 1.6, "fresh asphalt")),
         seams=(Seam(0.5, 0.03, 0.09, 10.0, 60.0), Seam(-0.7, 0.03, 0.1, 40.0, 140.0)),
     )
-    return motorway_drive(surface=surface, markings=freeway_markings(wear=0.8, opposite_m=17.0), seed=134)
+    return motorway_drive(freeway, seed=134)
 
 
 def _missing_paint() -> Drive:
-    """The broken line is missing for 60 m, later the solid line for 40 m. Both are narrow."""
-    whole = freeway_markings(phase_m=4.0, wear=0.5, opposite_m=17.0)
+    whole = replace(MOTORWAY, wear=0.5).markings()
     yellow, broken, *others = (replace(m, width_m=min(m.width_m, 0.10)) for m in whole)
     markings = (
         replace(yellow, end_m=78.0, dots=False),
@@ -187,12 +184,10 @@ def _missing_paint() -> Drive:
 
 
 def _dashes_only() -> Drive:
-    """Middle lane between broken white lines; the car is left of the centre."""
-    side: dict[str, Any] = {"lanes_left": 1, "lanes_right": 2}
-    markings = freeway_markings(**side, phase_m=2.0, wear=0.4, opposite_m=17.0)
+    freeway = replace(MIDDLE_LANE, pavement="old concrete", wear=0.4)
     return motorway_drive(
-        markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in markings),
-        surface=freeway_surface(Zone(-100.0, "old concrete"), **side, opposite_m=17.0),
+        freeway,
+        markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in freeway.markings()),
         objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *_without_barrier()),
         motion=replace(motorway_drive().motion, offset_m=0.35),
         seed=136,
@@ -200,12 +195,10 @@ def _dashes_only() -> Drive:
 
 
 def _botts_dots() -> Drive:
-    """Botts' dots instead of paint on both sides: four round dots and a reflector every 12 m."""
-    side: dict[str, Any] = {"lanes_left": 1, "lanes_right": 2}
-    markings = freeway_markings(**side, phase_m=2.0, wear=0.3, opposite_m=17.0)
+    paint = MIDDLE_LANE.markings()
     return motorway_drive(
-        markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in markings),
-        surface=freeway_surface(Zone(-100.0, "asphalt"), **side, opposite_m=17.0),
+        MIDDLE_LANE,
+        markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in paint),
         objects=(PlacedWall(8.1, "jersey", seed=25), *_without_barrier()),
         motion=replace(motorway_drive().motion, offset_m=-0.25),
         seed=137,
@@ -213,7 +206,6 @@ def _botts_dots() -> Drive:
 
 
 def _lane_change() -> Drive:
-    """Lane change from the leftmost lane to the next one on the right, in 3.6 s."""
     return motorway_drive(
         line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
         motion=replace(
@@ -225,7 +217,6 @@ def _lane_change() -> Drive:
 
 
 def _symbols() -> Drive:
-    """Diamonds, words and arrows painted in the lane."""
     symbols = (
         Symbol(16.0, 0.0, "diamond", 3.7, 1.0),
         Symbol(34.0, 0.0, "CAR", 2.6, 2.2),
@@ -241,7 +232,6 @@ def _symbols() -> Drive:
 
 
 def _construction() -> Drive:
-    """Road works: removed old lines are still visible and cross the new lines at a small angle."""
     old = (
         Marking(2.9, 0.15, GROUND_OFF, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
         Marking(-0.9, 0.14, GROUND_OFF, dashed=True, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
@@ -253,13 +243,13 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
     return motorway_drive(
-        markings=(*old, *new),
-        surface=freeway_surface(
-            Zone(-100.0, "old asphalt"),
+        replace(
+            MOTORWAY,
+            pavement="old asphalt",
             lanes_right=1,
-            opposite_m=17.0,
             patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
         ),
+        markings=(*old, *new),
         objects=(
             PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
             PlacedWall(-7.4, "jersey", seed=29),
@@ -271,7 +261,6 @@ def _construction() -> Drive:
 
 
 def _two_lane() -> Drive:
-    """Country road with a broken yellow centre line, bends of R 140 m and an oncoming car."""
     half = 1.75
     return motorway_drive(
         road=RoadGeometry([0.0, 40.0, 80.0, 100.0, 150.0, 200.0], [1 / 400, 1 / 140, 1 / 140, -1 / 160, -1 / 160, 0.0]),
@@ -282,7 +271,7 @@ def _two_lane() -> Drive:
             Marking(3 * half, 0.12, WHITE, wear=0.3),
         ),
         surface=replace(
-            freeway_surface(Zone(-100.0, "asphalt"), lanes_right=0, right_shoulder_m=0.5),
+            Freeway(lanes_right=0, right_shoulder_m=0.5).surface(),
             left_edge_m=3 * half + 0.6,
             lane_centres_m=(0.0, 2 * half),
         ),

@@ -7,7 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from simulator.light.sunlight import TreeShade
-from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import HeightProfile, RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking
@@ -68,10 +70,7 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
         objects=(
             *wood_edges(end, rock=rock),
             PlacedWall(-half - 1.3, "rail", start_m=28.0, end_m=75.0, seed=3),
-            *(
-                PlacedObject(s, -half - 0.9, Post(0, 0, 1.0, 0.1, colour=MARKER_ORANGE))
-                for s in np.arange(6.0, end, 26.0)
-            ),
+            *(PlacedObject(s, -half - 0.9, Post(1.0, 0.1, colour=MARKER_ORANGE)) for s in np.arange(6.0, end, 26.0)),
         ),
         motion=replace(motion, rear_axle_m=REAR_AXLE_M),
         seed=151,
@@ -94,19 +93,17 @@ def wood_edges(end_m: float, *, rock: bool = False) -> tuple[PlacedObject | Plac
 
 
 def _hairpin_left() -> Drive:
-    """Hairpin to the left, R 22 m, at 8 m/s, with an oncoming car."""
     return mountain_drive(
         winding_road((22.0, 170.0)),
         Motion(2.0, 8.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
         objects=(
             *mountain_drive(winding_road((22.0, 170.0)), Motion()).objects,
-            PlacedObject(75.0, MOUNTAIN_LANE_WIDTH_M, Car(0, 0, np.pi, "blue"), -8.0),
+            PlacedObject(75.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0),
         ),
     )
 
 
 def _hairpin_right() -> Drive:
-    """Hairpin to the right, R 15 m, at 6 m/s. The inner line is very close to the bonnet."""
     return mountain_drive(
         winding_road((-15.0, 160.0)),
         Motion(4.0, 6.0, offset_m=0.15, wander_m=0.1, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
@@ -116,7 +113,6 @@ def _hairpin_right() -> Drive:
 
 
 def _switchback() -> Drive:
-    """Hairpins of R 26 m to the left and R 20 m to the right, in dappled shade."""
     road = winding_road((26.0, 110.0), (-20.0, 120.0), straight_m=6.0)
     shades = tuple(TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0))
     return mountain_drive(
@@ -125,7 +121,6 @@ def _switchback() -> Drive:
 
 
 def _mountain_bends() -> Drive:
-    """Bends of R 45 to 70 m at 13 m/s."""
     return mountain_drive(
         winding_road((60.0, 45.0), (-45.0, 50.0), (70.0, 40.0)),
         Motion(0.0, 13.0, offset_m=-0.15, wander_m=0.15, pitch_rad=float(np.radians(0.3))),
@@ -135,14 +130,12 @@ def _mountain_bends() -> Drive:
 
 
 def _crests() -> Drive:
-    """Crest (vertical radius 260 m) and dip in gentle bends."""
     profile = HeightProfile([0.0, 16.0, 52.0, 66.0, 96.0, 150.0], [0.08, 0.08, -0.06, -0.06, 0.05, 0.05])
     road = replace(winding_road((180.0, 25.0), (-150.0, 25.0)), profile=profile)
     return mountain_drive(road, Motion(0.0, 15.0, offset_m=0.2, wander_m=0.15, wander_period_s=4.0), seed=155)
 
 
 def _dips() -> Drive:
-    """Straight and bends of R 90 m over short waves, 0.9 m high."""
     stations = np.arange(0.0, 260.0, 4.0)
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(winding_road((90.0, 60.0), (-110.0, 50.0)), profile=profile)

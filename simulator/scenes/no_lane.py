@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import Patch, Seam, Surface, Zone
@@ -15,7 +17,6 @@ BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
 
 
 def _unmarked_road() -> Drive:
-    """Narrow road without markings, with a paving joint in the middle, between trees."""
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]),
         line_laterals_m=(),
@@ -39,7 +40,6 @@ def _unmarked_road() -> Drive:
 
 
 def _car_park() -> Drive:
-    """Aisle of a car park with rows of stalls on both sides, some of them occupied."""
     ends = []
     for low, high in ((-3.4 - BAY_M, -3.4), (3.1, 3.1 + BAY_M)):
         ends += [Patch(s, s + LINE_M, low, high, "paint") for s in np.arange(-8.0, 90.0, STALL_M)]
@@ -49,7 +49,7 @@ def _car_park() -> Drive:
         PlacedObject(
             -6.7 + STALL_M * (n + 1),
             (-3.4 - BAY_M / 2, 3.1 + BAY_M / 2)[k % 2],
-            Car(0, 0, (np.pi / 2, -np.pi / 2)[k % 2], paints[k % 7], ("sedan", "suv")[k % 3 == 0]),
+            Car(paints[k % 7], ("sedan", "suv")[k % 3 == 0], (np.pi / 2, -np.pi / 2)[k % 2]),
         )
         for k, n in enumerate(taken)
     )
@@ -69,7 +69,7 @@ def _car_park() -> Drive:
             *cars,
             PlacedWall(-9.9, "kerb", seed=4),
             PlacedWall(9.3, "kerb", seed=6),
-            *(PlacedObject(s, 9.9, Post(0, 0, 7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
+            *(PlacedObject(s, 9.9, Post(7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
             *plant_trees(73, "plane oak", s_m=(5, 130), d_m=(-18, -12), height_m=(5, 9), every_m=9),
             *plant_trees(74, "plane oak", s_m=(5, 130), d_m=(12, 18), height_m=(5, 9), every_m=9),
         ),
@@ -79,7 +79,6 @@ def _car_park() -> Drive:
 
 
 def _dirt_track() -> Drive:
-    """Two wheel tracks through dry grass."""
     return motorway_drive(
         road=RoadGeometry([0.0, 25.0, 50.0, 75.0, 120.0], [0.0, -1 / 60, -1 / 60, 1 / 80, 0.0]),
         line_laterals_m=(),

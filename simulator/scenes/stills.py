@@ -6,21 +6,19 @@ roads are curved, and light, pavement and traffic differ.
 
 from __future__ import annotations
 
-from typing import Any
-
 from simulator.light.sunlight import TreeShade
-from simulator.objects.scene_objects import PlacedObject, PlacedWall, Post, Tree
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.standing import Post
+from simulator.objects.trees import Tree
 from simulator.rendering.drive import Drive, Motion
-from simulator.road.albedo import DUST
 from simulator.road.geometry import RoadGeometry
-from simulator.road.surface import Patch, Seam, Zone
+from simulator.road.surface import DUST, Patch, Seam, Zone
 from simulator.scenes.freeway import (
+    Freeway,
     bend_road,
     car,
     daylight,
     freeway_drive,
-    freeway_markings,
-    freeway_surface,
     oncoming_cars,
     plant_trees,
 )
@@ -38,20 +36,20 @@ def _straight_lines1() -> Drive:
     """Straight; solid yellow left, broken white right; fresh asphalt, dry hills; the car is left of the centre."""
     bank = PlacedWall(-17.5, "bank", height_scale=0.9, seed=3)
     return freeway_drive(
-        road=STRAIGHT,
-        markings=freeway_markings(phase_m=102.2, opposite_m=14.0),
-        surface=freeway_surface(
-            Zone(0.0, "fresh asphalt"),
+        Freeway(
+            "fresh asphalt",
+            phase_m=102.2,
             opposite_m=14.0,
             seams=(
                 Seam(-0.75, 0.14, 0.015, strength=0.16, colour=DUST, soft_m=0.12),
                 Seam(1.65, 0.2, 0.02, strength=0.14, colour=DUST, soft_m=0.2),
             ),
         ),
+        road=STRAIGHT,
         objects=(
             bank,
             PlacedWall(12.6, "jersey"),
-            *(PlacedObject(142.0 + 5 * i, 8.4, Tree(0, 0, 3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
+            *(PlacedObject(142.0 + 5 * i, 8.4, Tree(3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
             car(245.0, 0, "white"),
             car(268.0, -1, "black", "suv"),
             *oncoming_cars(1, s_m=(160, 300), opposite_m=14.0),
@@ -67,11 +65,9 @@ def _straight_lines1() -> Drive:
 def _straight_lines2() -> Drive:
     """Straight, rightmost lane: broken white left, solid white right; traffic in the lanes to the left."""
     bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
-    side: dict[str, Any] = {"lanes_left": 3, "lanes_right": 0}
     return freeway_drive(
+        Freeway("fresh asphalt", (), 3, 0, phase_m=105.1, right_shoulder_m=3.4, opposite_m=17.0),
         road=STRAIGHT,
-        markings=freeway_markings(**side, phase_m=105.1, opposite_m=17.0),
-        surface=freeway_surface(Zone(0.0, "fresh asphalt"), **side, right_shoulder_m=3.4, opposite_m=17.0),
         objects=(
             bank,
             PlacedWall(15.6, "jersey"),
@@ -82,7 +78,7 @@ def _straight_lines2() -> Drive:
             car(210.0, 1, "grey", "suv"),
             car(232.0, 0, "silver"),
             *oncoming_cars(2, s_m=(150, 300), opposite_m=17.0),
-            *(PlacedObject(128.0 + 40 * i, -9.5, Post(0, 0, 9.0, 0.28)) for i in range(3)),
+            *(PlacedObject(128.0 + 40 * i, -9.5, Post(9.0, 0.28)) for i in range(3)),
             *plant_trees(7, "eucalyptus oak", s_m=(112, 330), d_m=(-29, -17), height_m=(9, 17), every_m=9, bank=bank),
             *plant_trees(8, "cypress", s_m=(140, 260), d_m=(34, 37), height_m=(8, 13), every_m=6),
         ),
@@ -95,15 +91,16 @@ def _straight_lines2() -> Drive:
 def _test1() -> Drive:
     """Light concrete with a patch and a crack, gentle bend to the right, two cars on the right."""
     return freeway_drive(
-        road=bend_road(-1 / 900),
-        markings=freeway_markings(phase_m=107.0, wear=0.35, opposite_m=5.4),
-        surface=freeway_surface(
-            Zone(0.0, "concrete"),
-            Zone(176.0, "fresh asphalt", 0.2),
+        Freeway(
+            "concrete",
+            (Zone(176.0, "fresh asphalt", 0.2),),
+            phase_m=107.0,
+            wear=0.35,
             opposite_m=5.4,
             seams=(Seam(0.4, 0.02, 0.10, 104.0, 113.0),),
             patches=(Patch(108.0, 112.5, -1.3, -0.4, "old asphalt"),),
         ),
+        road=bend_road(-1 / 900),
         objects=(
             PlacedWall(4.35, "parapet", seed=2),
             PlacedWall(-16.4, "rail", seed=5),
@@ -125,13 +122,13 @@ def _test2() -> Drive:
     """Bends left, R 480 m, behind a median barrier; nearly empty road."""
     bank = PlacedWall(-18.0, "bank", seed=8)
     return freeway_drive(
-        road=bend_road(1 / 480),
-        markings=freeway_markings(phase_m=108.3, opposite_m=5.4),
-        surface=freeway_surface(
-            Zone(0.0, "fresh asphalt"),
+        Freeway(
+            "fresh asphalt",
+            phase_m=108.3,
             opposite_m=5.4,
             seams=(Seam(-0.3, 0.14, 0.015, strength=0.16, colour=DUST, soft_m=0.12),),
         ),
+        road=bend_road(1 / 480),
         objects=(
             PlacedWall(4.35, "jersey", seed=4),
             bank,
@@ -150,11 +147,8 @@ def _test3() -> Drive:
     """Bends right, R 620 m, older asphalt with a tar seam, wooded ridge, one car ahead on the right."""
     bank = PlacedWall(-17.0, "bank", height_scale=1.25, seed=9)
     return freeway_drive(
+        Freeway(phase_m=104.6, left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)),
         road=bend_road(-1 / 620),
-        markings=freeway_markings(phase_m=104.6),
-        surface=freeway_surface(
-            Zone(0.0, "asphalt"), left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)
-        ),
         objects=(
             PlacedWall(5.0, "jersey", seed=6),
             bank,
@@ -172,11 +166,14 @@ def _test3() -> Drive:
 def _test4() -> Drive:
     """Fresh asphalt ends and concrete begins 11 m ahead; tree shadow on the near part; bends right; two cars."""
     return freeway_drive(
-        road=bend_road(-1 / 780),
-        markings=freeway_markings(phase_m=111.2, wear=0.25, opposite_m=5.4),
-        surface=freeway_surface(
-            Zone(0.0, "fresh asphalt"), Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt"), opposite_m=5.4
+        Freeway(
+            "fresh asphalt",
+            (Zone(111.5, "concrete", 0.35), Zone(150.0, "asphalt")),
+            phase_m=111.2,
+            wear=0.25,
+            opposite_m=5.4,
         ),
+        road=bend_road(-1 / 780),
         shades=(TreeShade(102.5, 108.5, -2.6, 4.4, 0.95),),
         objects=(
             PlacedWall(4.35, "parapet", seed=11),
@@ -199,16 +196,15 @@ def _test5() -> Drive:
     """Concrete ends in the deep shade of trees 14 m ahead; bends right, R 560 m; two cars."""
     trunks = ((116.0, 10.0, 15.0, "eucalyptus"), (124.0, 12.5, 14.0, "plane"), (133.0, 11.0, 15.0, "eucalyptus"))
     return freeway_drive(
+        Freeway("concrete", (Zone(118.0, "asphalt", -0.3),), phase_m=103.0, wear=0.3, opposite_m=17.0),
         road=bend_road(-1 / 560),
-        markings=freeway_markings(phase_m=103.0, wear=0.3, opposite_m=17.0),
-        surface=freeway_surface(Zone(0.0, "concrete"), Zone(118.0, "asphalt", -0.3), opposite_m=17.0),
         shades=(TreeShade(114.0, 131.0, -6.0, 9.0, 0.97), TreeShade(133.0, 150.0, -3.0, 9.0, 0.95)),
         objects=(
             PlacedWall(4.35, "jersey", seed=12),
             car(121.0, -1, "black"),
             car(118.0, -2, "white"),
             car(186.0, -1, "white"),
-            *(PlacedObject(s, d, Tree(0, 0, tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
+            *(PlacedObject(s, d, Tree(tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
             *oncoming_cars(8, s_m=(130, 300), opposite_m=17.0),
             *plant_trees(17, "oak plane", s_m=(160, 340), d_m=(33, 45), height_m=(7, 12), every_m=12),
             *plant_trees(18, "eucalyptus redwood", s_m=(128, 300), d_m=(-27, -19), height_m=(11, 18), every_m=8),
@@ -223,16 +219,16 @@ def _test6() -> Drive:
     """Bends left, R 380 m; old asphalt with a patch, tar and a fresh section; a car on the right."""
     bank = PlacedWall(-18.5, "bank", height_scale=0.8, seed=14)
     return freeway_drive(
-        road=bend_road(1 / 380),
-        markings=freeway_markings(phase_m=106.4, wear=0.45, opposite_m=5.6),
-        surface=freeway_surface(
-            Zone(0.0, "old asphalt"),
-            Zone(124.0, "fresh asphalt", 0.1),
-            Zone(163.0, "old asphalt"),
+        Freeway(
+            "old asphalt",
+            (Zone(124.0, "fresh asphalt", 0.1), Zone(163.0, "old asphalt")),
+            phase_m=106.4,
+            wear=0.45,
             opposite_m=5.6,
             patches=(Patch(109.0, 114.0, -1.9, 0.2, "fresh asphalt"),),
             seams=(Seam(0.75, 0.04, 0.09, 100.0, 124.0), Seam(-0.9, 0.03, 0.07, 106.0, 124.0)),
         ),
+        road=bend_road(1 / 380),
         objects=(
             PlacedWall(4.6, "jersey", seed=13),
             bank,

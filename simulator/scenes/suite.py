@@ -13,7 +13,7 @@ import simulator
 from lanes import camera
 from lanes.files import hash_sources
 from lanes.images import write_image
-from simulator.processes import available_workers, run_all
+from simulator.processes import run_all
 from simulator.rendering.drive import SuiteScene
 from simulator.rendering.render import render_frame
 from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
@@ -99,7 +99,7 @@ def write_stills(folder: str | Path, *, progress: Progress | None = None, worker
     """
     folder = Path(folder)
     scenes = still_scenes()
-    frames = run_all(render_frame, list(scenes.values()), workers=workers or available_workers(), progress=progress)
+    frames = run_all(render_frame, list(scenes.values()), workers=workers, progress=progress)
     written, entries = [], []
     for (name, drive), frame in zip(scenes.items(), frames, strict=True):
         path = write_image(folder / f"{name}.jpg", frame.image)

@@ -5,37 +5,21 @@ A benchmark on the variants of a seed that nothing was fitted on shows how well 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from lanes.camera import CameraPose
-from simulator.light.lens import Lens
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 
-
-@dataclass(frozen=True)
-class VariantParameters:
-    """Ranges (low, high) of factors, and standard deviations of differences, that a variant draws."""
-
-    # Size of the road's plan: all radii, transition curves and straights.
-    road_scale: tuple[float, float] = (0.9, 1.25)
-    speed: tuple[float, float] = (0.9, 1.1)
-    period: tuple[float, float] = (0.75, 1.35)
-    pitch_amplitude: tuple[float, float] = (0.5, 1.5)
-    camera_height: tuple[float, float] = (0.92, 1.12)
-    noise: tuple[float, float] = (0.6, 1.8)
-    wear: tuple[float, float] = (0.7, 1.3)
-    offset_std_m: float = 0.15
-    # Added to the amplitude of the lateral oscillation, at most.
-    wander_m: float = 0.1
-    start_std_m: float = 1.5
-    camera_angle_std_rad: float = 0.008
-    exposure_std_stops: float = 0.15
-
-
-VARIANT = VariantParameters()
+# Ranges (low, high) of the factors that a variant draws. The first is the size of the road's plan: all radii,
+# transition curves and straights.
+ROAD_SCALE, CAMERA_HEIGHT, NOISE, WEAR = (0.9, 1.25), (0.92, 1.12), (0.6, 1.8), (0.7, 1.3)
+SPEED, PERIOD, PITCH_AMPLITUDE = (0.9, 1.1), (0.75, 1.35), (0.5, 1.5)
+# Standard deviations of differences; the largest addition to the amplitude of the lateral oscillation.
+START_STD_M, OFFSET_STD_M, CAMERA_ANGLE_STD_RAD, EXPOSURE_STD_STOPS = 1.5, 0.15, 0.008, 0.15
+WANDER_M = 0.1
 
 
 def vary_drive(drive: Drive, seed: int) -> Drive:
@@ -43,48 +27,37 @@ def vary_drive(drive: Drive, seed: int) -> Drive:
     if not seed:
         return drive
     rng = np.random.default_rng([drive.seed, seed])
-    pose = _vary_pose(drive.camera.require_pose(), rng)
-    return replace(
-        drive,
-        road=_scale_road(drive.road, rng.uniform(*VARIANT.road_scale)),
-        motion=_vary_motion(drive.motion, rng),
-        camera=drive.camera.with_pose(pose),
-        lens=_vary_lens(drive.lens, rng),
-        markings=tuple(replace(m, wear=m.wear * rng.uniform(*VARIANT.wear)) for m in drive.markings),
-        seed=drive.seed + 10_000 * seed,
-    )
+    camera = drive.camera.with_pose(_vary_pose(drive.camera.require_pose(), rng))
+    road = _scale_road(drive.road, rng.uniform(*ROAD_SCALE))
+    motion, exposure = _vary_motion(drive.motion, rng), drive.lens.exposure + rng.normal(0, EXPOSURE_STD_STOPS)
+    lens = replace(drive.lens, exposure=exposure, noise=drive.lens.noise * rng.uniform(*NOISE))
+    markings = tuple(replace(m, wear=m.wear * rng.uniform(*WEAR)) for m in drive.markings)
+    seed = drive.seed + 10_000 * seed
+    return replace(drive, road=road, motion=motion, camera=camera, lens=lens, markings=markings, seed=seed)
 
 
 def _scale_road(road: RoadGeometry, scale: float) -> RoadGeometry:
     """The road enlarged by `scale`, with the same slopes."""
     profile = replace(road.profile, stations_m=road.profile.stations_m * scale)
-    return RoadGeometry(road.stations_m * scale, road.curvatures_per_m / scale, profile)
+    return RoadGeometry(road.stations_m * scale, road.values / scale, profile)
 
 
 def _vary_motion(motion: Motion, rng: np.random.Generator) -> Motion:
-    speed = rng.uniform(*VARIANT.speed)
+    speed = rng.uniform(*SPEED)
     return replace(
         motion,
-        start_m=motion.start_m + rng.normal(0, VARIANT.start_std_m),
+        start_m=motion.start_m + rng.normal(0, START_STD_M),
         speed_mps=motion.speed_mps * speed,
         later_speeds=tuple((time_s, later * speed) for time_s, later in motion.later_speeds),
-        offset_m=motion.offset_m + rng.normal(0, VARIANT.offset_std_m),
-        wander_m=motion.wander_m + rng.uniform(0, VARIANT.wander_m),
-        wander_period_s=motion.wander_period_s * rng.uniform(*VARIANT.period),
-        pitch_rad=motion.pitch_rad * rng.uniform(*VARIANT.pitch_amplitude),
-        pitch_period_s=motion.pitch_period_s * rng.uniform(*VARIANT.period),
+        offset_m=motion.offset_m + rng.normal(0, OFFSET_STD_M),
+        wander_m=motion.wander_m + rng.uniform(0, WANDER_M),
+        wander_period_s=motion.wander_period_s * rng.uniform(*PERIOD),
+        pitch_rad=motion.pitch_rad * rng.uniform(*PITCH_AMPLITUDE),
+        pitch_period_s=motion.pitch_period_s * rng.uniform(*PERIOD),
     )
 
 
 def _vary_pose(pose: CameraPose, rng: np.random.Generator) -> CameraPose:
-    return replace(
-        pose,
-        height_m=pose.height_m * rng.uniform(*VARIANT.camera_height),
-        pitch_rad=pose.pitch_rad + rng.normal(0, VARIANT.camera_angle_std_rad),
-        yaw_rad=pose.yaw_rad + rng.normal(0, VARIANT.camera_angle_std_rad),
-    )
-
-
-def _vary_lens(lens: Lens, rng: np.random.Generator) -> Lens:
-    exposure = lens.exposure + rng.normal(0, VARIANT.exposure_std_stops)
-    return replace(lens, noise=lens.noise * rng.uniform(*VARIANT.noise), exposure=exposure)
+    height_m = pose.height_m * rng.uniform(*CAMERA_HEIGHT)
+    pitch_rad, yaw_rad = np.array([pose.pitch_rad, pose.yaw_rad]) + rng.normal(0, CAMERA_ANGLE_STD_RAD, 2)
+    return replace(pose, height_m=height_m, pitch_rad=pitch_rad, yaw_rad=yaw_rad)

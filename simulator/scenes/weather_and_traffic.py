@@ -10,7 +10,9 @@ from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade, WoodShade
 from simulator.objects.overpass import Overpass
-from simulator.objects.scene_objects import Car, PlacedObject, PlacedWall, Post
+from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking
@@ -18,11 +20,10 @@ from simulator.road.surface import Seam, Surface, Zone
 from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
     LANE_WIDTH_M,
+    Freeway,
     car,
     daylight,
     freeway_drive,
-    freeway_markings,
-    freeway_surface,
     oncoming_cars,
     plant_trees,
 )
@@ -33,7 +34,10 @@ from simulator.weather.rain import Rain, Wet
 OPPOSITE_EDGE_M = 17.0
 
 
-def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: float = 0.25, **changes) -> Drive:
+PLAIN = Freeway(phase_m=3.0, wear=0.25, opposite_m=OPPOSITE_EDGE_M)
+
+
+def plain_motorway(seed: int, freeway: Freeway = PLAIN, **changes) -> Drive:
     """Motorway that bends left, then right; the car is in the leftmost lane; `changes` are fields of Drive."""
     traffic = (
         car(38.0, -1, "silver", speed_mps=27.0),
@@ -48,9 +52,8 @@ def plain_motorway(seed: int, *zones: Zone, seams: tuple[Seam, ...] = (), wear: 
         *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
     )
     return freeway_drive(
+        freeway,
         road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
-        markings=freeway_markings(phase_m=3.0, wear=wear, opposite_m=OPPOSITE_EDGE_M),
-        surface=freeway_surface(*(zones or (Zone(-100.0, "asphalt"),)), seams=seams, opposite_m=OPPOSITE_EDGE_M),
         motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
         seed=seed,
         **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
@@ -86,7 +89,8 @@ def country_road_drive(seed: int, **changes) -> Drive:
 
 def _pale_concrete() -> Drive:
     seams = (Seam(0.4, 0.02, 0.10, 20.0, 90.0), Seam(-0.9, 0.03, 0.08, 60.0, 150.0))
-    drive = plain_motorway(301, Zone(-100.0, "concrete"), seams=seams, wear=0.55, lens=Lens(exposure=0.3))
+    freeway = replace(PLAIN, pavement="concrete", seams=seams, wear=0.55)
+    drive = plain_motorway(301, freeway, lens=Lens(exposure=0.3))
     return replace(drive, motion=replace(drive.motion, speed_mps=33.0))
 
 
@@ -97,9 +101,8 @@ def _dapple() -> Drive:
         TreeShade(s, s + rng.uniform(7, 15), -rng.uniform(1, 7), rng.uniform(3, 9), rng.uniform(0.85, 0.97))
         for s in (starts + rng.uniform(-2, 2, len(starts))).tolist()
     )
-    return plain_motorway(
-        311, Zone(-100.0, "old asphalt"), shades=shades, exposure=AutoExposure(0.7, 0.6), lens=Lens(exposure=0.6)
-    )
+    freeway = replace(PLAIN, pavement="old asphalt")
+    return plain_motorway(311, freeway, shades=shades, exposure=AutoExposure(0.7, 0.6), lens=Lens(exposure=0.6))
 
 
 def _underpass() -> Drive:
@@ -120,10 +123,9 @@ def _dirty_glass() -> Drive:
 
 
 def _white_out() -> Drive:
-    zones = (Zone(-100.0, "fresh asphalt"), Zone(44.0, "concrete", 0.2))
-    return plain_motorway(
-        351, *zones, shades=(WoodShade(-60.0, 41.0, 0.05),), exposure=AutoExposure(1.5, 0.6), lens=Lens(exposure=1.2)
-    )
+    freeway = replace(PLAIN, pavement="fresh asphalt", zones=(Zone(44.0, "concrete", 0.2),))
+    shades = (WoodShade(-60.0, 41.0, 0.05),)
+    return plain_motorway(351, freeway, shades=shades, exposure=AutoExposure(1.5, 0.6), lens=Lens(exposure=1.2))
 
 
 def _deep_shade() -> Drive:
@@ -144,12 +146,12 @@ def _wet_night() -> Drive:
         car(62.0, 0, "black", "suv", speed_mps=23.0),
         car(90.0, -2, "grey", speed_mps=20.0),
         *(
-            PlacedObject(s, 3.55, Car(0, 0, np.pi, paint), -19.0)
+            PlacedObject(s, 3.55, Car(paint, heading_rad=np.pi), -19.0)
             for s, paint in ((70.0, "white"), (128.0, "blue"), (190.0, "red"))
         ),
-        *(PlacedObject(12.0 + 42.0 * i, -15.2, Post(0, 0, 9.0, 0.18, arm_m=2.4)) for i in range(9)),
+        *(PlacedObject(12.0 + 42.0 * i, -15.2, Post(9.0, 0.18, arm_m=2.4)) for i in range(9)),
     )
-    lines = freeway_markings(phase_m=3.0, wear=0.3)
+    lines = Freeway(phase_m=3.0, wear=0.3).markings()
     drive = plain_motorway(391, night=Night(), wet=Wet(film=0.4), objects=others, lens=Lens(noise=0.028, exposure=0.9))
     # A two-way road: oncoming cars are left of the lane's left line.
     edge = Marking(LANE_WIDTH_M * 1.5, 0.12, WHITE)
@@ -176,29 +178,26 @@ def _with(drive: Drive, *others: PlacedObject) -> Drive:
 
 
 def _motorcycle() -> Drive:
-    """A motorcycle that crosses the lane from the right line to beyond the left one, and back."""
     path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
-    rider = PlacedObject(13.0, 0.0, Car(0, 0, 0.0, "red", "motorcycle"), 15.6, path)
+    rider = PlacedObject(13.0, 0.0, Car("red", "motorcycle"), 15.6, path)
     return _with(country_road_drive(411), rider)
 
 
 def _cut_in() -> Drive:
-    """A car that cuts in from the right lane, 11 m ahead, and leaves again."""
     path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
     others = (
-        PlacedObject(16.0, 0.0, Car(0, 0, 0.0, "white", "suv"), 27.6, path),
-        PlacedObject(70.0, -LANE_WIDTH_M, Car(0, 0, 0.0, "black"), 28.0),
-        PlacedObject(95.0, 0.0, Car(0, 0, 0.0, "silver"), 29.0),
+        PlacedObject(16.0, 0.0, Car("white", "suv"), 27.6, path),
+        PlacedObject(70.0, -LANE_WIDTH_M, Car("black"), 28.0),
+        PlacedObject(95.0, 0.0, Car("silver"), 29.0),
     )
     return _with(plain_motorway(421), *others)
 
 
 def _lorry() -> Drive:
-    """A lorry that drives on the broken line for two seconds, half in the ego lane."""
     path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
     others = (
-        PlacedObject(17.0, 0.0, Car(0, 0, 0.0, "blue", "truck"), 26.4, path),
-        PlacedObject(80.0, 0.0, Car(0, 0, 0.0, "red"), 29.0),
+        PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path),
+        PlacedObject(80.0, 0.0, Car("red"), 29.0),
     )
     return _with(plain_motorway(431), *others)
 

@@ -9,8 +9,9 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
-from simulator.objects.scene_objects import Car, Post, SceneObject, yaw_rotation
-from simulator.objects.vehicles import outline_points
+from simulator.objects.scene_objects import SceneObject
+from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
 from simulator.road.ground import Ground
 from simulator.road.markings import Marking
 
@@ -104,10 +105,10 @@ def find_lamps(objects: list[SceneObject]) -> list[Lamp]:
     lamps = []
     for item in objects:
         if isinstance(item, Post) and item.arm_m and item.x_m > 1:
-            head = np.array([item.x_m, item.y_m + item.arm_m, item.ground_height_m + item.height_m - 0.1])
+            head = item.foot_m + [0, item.arm_m, item.height_m - 0.1]
             lamps.append(Lamp(head, 12 * SODIUM, 0.15))
         elif isinstance(item, Car):
-            turn, place = yaw_rotation(item.heading_rad), np.array([item.x_m, item.y_m, item.ground_height_m])
+            turn, place = item.turn, item.foot_m
             for (x, y, z), light in LAMPS[item.body]:
                 axis = turn @ np.array([np.sign(x), 0, 0])
                 facing = max(0.0, float(-axis @ place / np.linalg.norm(place))) ** 2
@@ -121,13 +122,12 @@ def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
     lamps = find_lamps(objects)
     seen = list(zip(lamps, lamp_pixels(camera, lamps).tolist(), strict=True))
     for car in (item for item in objects if isinstance(item, Car) and item.x_m > MIN_OCCLUDER_M):
-        place = np.array([car.x_m, car.y_m, car.ground_height_m])
-        pixels = camera.road_to_pixels(outline_points(car.body) @ yaw_rotation(car.heading_rad).T + place)
+        pixels = camera.road_to_pixels(car.outline_m())
         hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
         if hull is None:  # outside the field of view of the lens
             continue
         # Its own lamps that face the camera are nearer than its centre.
-        until_m = np.linalg.norm(place)
+        until_m = np.linalg.norm(car.foot_m)
         seen = [
             (lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
         ]

@@ -142,15 +142,17 @@ class Wet:
     film: float = 0.32
     darkening: float = 0.55
 
-    def mirror_share(self, ground: Ground, height_m: float, *, station_m: float, seed: int) -> np.ndarray:
+    def mirror_share(self, ground: Ground, height_m: float, *, seed: int) -> np.ndarray:
         """Specular reflectance (rows, width) of the road: Schlick's approximation times the coverage by puddles.
 
         The coverage varies by noise, as ruts hold more water.
         """
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
-        tile, s = band_noise_tile(seed + 81, octaves=3), ground.s + np.float32(station_m)
-        puddles = sample_noise(tile, s, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(ground.footprint_s, 12.0)
+        tile = band_noise_tile(seed + 81, octaves=3)
+        puddles = sample_noise(tile, ground.along, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(
+            ground.footprint_s, 12.0
+        )
         return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
 
 

@@ -100,11 +100,11 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
     """Four lanes; the car changes to the next one on the right from 1.2 to 3.7 s, and from 5.2 s on all is black."""
     edges = {5.4: {"colour": WORN_YELLOW}, -9.0: {}}
     lines = tuple(Stripe(y_m, **edges.get(y_m, {"dash_m": DASH_M, "phase_m": -y_m})) for y_m in LINES_M)
-    change = {"drift_mps": -1.44, "drift_s": (1.2, 3.7), "black_s": (5.2, np.inf)}
-    drive = PaintedDrive(straight_road(), lines, Motion(speed_mps=20.0), camera=CAMERA.scaled((640, 360)), **change)
+    motion = Motion(speed_mps=20.0, shift_m=-3.6, shift_start_s=1.2, shift_seconds=2.5)
+    drive = PaintedDrive(straight_road(), lines, motion, camera=CAMERA.scaled((640, 360)), black_s=(5.2, np.inf))
     tracker, stated = LaneTracker(drive.camera, fps=FPS), []
     for time_s in np.arange(round(5.7 * FPS)) / FPS:
-        lane, lateral_m = tracker.update(drive.frame(time_s)), drive.pose(time_s).lateral_m
+        lane, lateral_m = tracker.update(drive.frame(time_s)), motion.pose(time_s).lateral_m
         assert time_s < 5.2 or lane.state == COASTING
         for side, far in zip(SIDES, lane.adjacent, strict=True):
             stated.append((time_s, far is not None))

@@ -12,9 +12,8 @@ from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
-from simulator.road.surface import Zone
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, freeway_markings, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M, Freeway
 
 POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 TINY = replace(DASHCAM.scaled((320, 180)), pose=POSE)
@@ -29,8 +28,8 @@ def small_drive(curvature: float = 1 / 250, **changes) -> Drive:
         camera=SMALL,
         road=road,
         line_laterals_m=(LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2),
-        markings=tuple(replace(m, wear=0.0, dots=False) for m in freeway_markings()),
-        surface=freeway_surface(Zone(0.0, "fresh asphalt")),
+        markings=tuple(replace(m, wear=0.0, dots=False) for m in Freeway().markings()),
+        surface=Freeway("fresh asphalt").surface(),
         sun=Sun(1.0, 0.9),
         motion=Motion(60.0, offset_m=0.3, heading_rad=0.01),
         lens=PLAIN_LENS,

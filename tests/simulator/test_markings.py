@@ -9,7 +9,7 @@ import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.markings import WHITE, Marking, paint_coverage, paint_markings
+from simulator.road.markings import WHITE, Marking, paint_markings
 from simulator.road.road_ahead import RoadAhead
 from simulator.scenes.dashcam import DASHCAM
 from tests.simulator.small_drive import POSE, SMALL
@@ -21,7 +21,7 @@ def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
     road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), VehiclePose(50.0, 0.3, 0.01)
     marking = Marking(-1.8, 0.12, WHITE, dashed=dashed, phase_m=1.0)
     ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(road, pose))
-    pixels, coverage = paint_coverage(marking, ground, station_m=50.0)
+    pixels, coverage = marking.coverage(ground)
     picture = np.zeros(ground.s.shape, np.float32)
     picture.ravel()[pixels] = coverage
     # 17 x 17 rays in each pixel of a window that contains the line from 15 m to 40 m ahead.
@@ -43,7 +43,7 @@ def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, f
     camera, road = replace(DASHCAM, pose=POSE), RoadGeometry([0.0, 300.0], [0.0, 0.0])
     ground = cast_on_ground(pixel_rays(camera), camera, RoadAhead(road, VehiclePose(50.0)))
     black = np.zeros((*ground.s.shape, 3), np.float32)
-    paint_markings(black, markings, ground, station_m=50.0, seed=1)
+    paint_markings(black, markings, ground, seed=1)
     row = round(float(camera.road_to_pixels(np.array([[x_m, markings[0].lateral_m]]))[0, 1])) - ground.top
     paint, d, step = black[row, :, 0], ground.d[row], np.abs(ground.d_u[row])
     edges = np.flatnonzero(np.diff(np.concatenate([[0], paint > 0.02, [0]]).astype(int))).reshape(-1, 2)
@@ -65,7 +65,7 @@ def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
     places = (ground.s.ravel(), ground.d.ravel())
 
     def painted(**options):
-        pixels, coverage = paint_coverage(Marking(-1.5, 0.10, wear=0.0, **options), ground, station_m=50.0)
+        pixels, coverage = Marking(-1.5, 0.10, wear=0.0, **options).coverage(ground)
         return [place[pixels[coverage > 0.5]] for place in places]
 
     s, _ = painted(dashed=True, botts=True, phase_m=56.0)

@@ -8,33 +8,34 @@ import cv2
 import numpy as np
 import pytest
 
-from simulator.objects.scene_objects import Car, PlacedObject, Post, Tree
+from simulator.objects.scene_objects import PlacedObject
 from simulator.objects.shadows import shadow_polygons
-from simulator.objects.vehicles import footprint, outline_points
+from simulator.objects.standing import Post
+from simulator.objects.trees import Tree
+from simulator.objects.vehicles import Car, footprint, outline_points
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
-from simulator.road.surface import Zone
 from simulator.road.truth import H_SAMPLES, NOT_VISIBLE, line_pixels, truth_entry, truth_row
 from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, freeway_surface
+from simulator.scenes.freeway import LANE_WIDTH_M, Freeway
 from tests.simulator.small_drive import POSE, small_drive
 
 
 def test_shadows_fall_away_from_the_sun():
-    polygon = shadow_polygons([Car(20.0, -2.0)], np.array([0.0, -0.6, 0.8]))[0]
+    polygon = shadow_polygons([Car(x_m=20.0, y_m=-2.0)], np.array([0.0, -0.6, 0.8]))[0]
     assert polygon.dtype == np.float32 and polygon.shape[1] == 2
     # The shadow of the roof is 0.75 m farther left for each metre of height.
     assert polygon[:, 1].max() == pytest.approx(-2.0 + 0.75 * 1.41 + 0.57, abs=0.15)
     assert polygon[:, 1].min() > -2.0 - 0.95
-    tree = np.vstack(shadow_polygons([Tree(30.0, 5.0, 10.0, "oak", 1)], np.array([0.6, 0.0, 0.8])))
+    tree = np.vstack(shadow_polygons([Tree(10.0, "oak", 1, x_m=30.0, y_m=5.0)], np.array([0.6, 0.0, 0.8])))
     assert tree[:, 0].min() < 30 - 5 and tree[:, 0].mean() < 28
-    post = shadow_polygons([Post(10.0, 0.0, 4.0)], np.array([0.0, 0.6, 0.8]))[0]
+    post = shadow_polygons([Post(4.0, x_m=10.0)], np.array([0.0, 0.6, 0.8]))[0]
     assert post[:, 1].min() == pytest.approx(-3.0, abs=0.1)
 
 
 def bend_drive(*objects: PlacedObject) -> Drive:
     """Off-centre car in a bend to the right, full-size images."""
-    camera, surface = replace(DASHCAM, pose=POSE), freeway_surface(Zone(0.0, "asphalt"))
+    camera, surface = replace(DASHCAM, pose=POSE), Freeway().surface()
     return small_drive(-1 / 300, camera=camera, surface=surface, motion=Motion(100.0, 25.0, 0.3), objects=objects)
 
 
@@ -58,7 +59,7 @@ def outline_mask(drive: Drive, s_m: float, lateral_m: float, body: str) -> np.nd
     [("motorcycle", 114.0, LANE_WIDTH_M / 2 - 0.45, 0), ("truck", 122.0, -2.4, 1), ("suv", 118.0, -2.2, 1)],
 )
 def test_vehicle_hides_exactly_the_part_of_the_line_behind_it(body, s_m, lateral_m, side):
-    drive = bend_drive(PlacedObject(s_m, lateral_m, Car(0, 0, 0.0, "red", body)))
+    drive = bend_drive(PlacedObject(s_m, lateral_m, Car("red", body)))
     frame, camera = render_frame(drive), drive.camera_at(0.0)
     assert truth_row(frame.truth, frame=0) == truth_row(bend_drive().truth(0.0), frame=0)
     columns = line_pixels(frame.truth, side, camera)

@@ -35,7 +35,7 @@ HILLY = HeightProfile([0.0, 60.0, 90.0, 110.0, 140.0], [0.09, 0.09, -0.04, -0.04
 
 def test_heading_and_position_are_the_integrals_of_curvature():
     s = np.linspace(0, 330, 330_001)
-    curvature = np.interp(s, S_BEND.stations_m, S_BEND.curvatures_per_m)
+    curvature = np.interp(s, S_BEND.stations_m, S_BEND.values)
     step = s[1]
     heading = np.concatenate([[0], np.cumsum((curvature[1:] + curvature[:-1]) / 2 * step)])
     middle = (heading[1:] + heading[:-1]) / 2

@@ -10,7 +10,7 @@ from simulator.rendering.render import render_frame
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels
 from simulator.scenes import suite
 from simulator.scenes.suite import SUITE, cache_folder, render_scene, scene_path
-from simulator.scenes.variants import VARIANT, vary_drive
+from simulator.scenes.variants import ROAD_SCALE, WEAR, vary_drive
 
 
 def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):
@@ -88,12 +88,12 @@ def test_a_road_is_scaled_in_plan_and_keeps_its_slopes_and_its_paint_varies():
     drive = SUITE["crests"].drive()
     varied = vary_drive(drive, 3)
     scale = varied.road.stations_m[-1] / drive.road.stations_m[-1]
-    low, high = VARIANT.road_scale
+    low, high = ROAD_SCALE
     assert low <= scale <= high and scale != 1
-    np.testing.assert_allclose(varied.road.curvatures_per_m * scale, drive.road.curvatures_per_m)
-    np.testing.assert_allclose(varied.road.profile.slopes, drive.road.profile.slopes)
+    np.testing.assert_allclose(varied.road.values * scale, drive.road.values)
+    np.testing.assert_allclose(varied.road.profile.values, drive.road.profile.values)
     # the same bend, enlarged: the angle does not change
     assert varied.road.heading(60.0 * scale) == pytest.approx(float(drive.road.heading(60.0)))
     wear = [new.wear / old.wear for new, old in zip(varied.markings, drive.markings, strict=True)]
-    low, high = VARIANT.wear
+    low, high = WEAR
     assert low <= min(wear) <= max(wear) <= high and len(np.unique(wear)) == len(wear)

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from lanes.camera import Camera
 from lanes.files import read_telemetry
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
@@ -85,6 +86,15 @@ def test_truth_rows_are_empty_without_a_lane(tmp_path):
     entry = truth_entry(truth, raw_file="a.jpg", camera=SMALL, hidden=np.zeros((360, 640), bool))
     assert "NaN" not in json.dumps(entry)
     assert entry["offset_m"] is None and set(entry["left_y_m"]) == {None}
+
+
+def test_rows_below_a_small_image_have_no_line():
+    drive = small_drive(camera=Camera.from_fov((1280, 600), 60, POSE))
+    hidden = np.zeros((600, 1280), bool)
+    entry = truth_entry(drive.truth(), raw_file="a.jpg", camera=drive.camera_at(0.0), hidden=hidden)
+    below = np.array(entry["h_samples"]) >= 600
+    for lane in np.array(entry["lanes"]):
+        assert (lane[below] == NOT_VISIBLE).all() and (lane[~below] > 0).any()
 
 
 def test_distance_is_the_integral_of_the_speed_knots():

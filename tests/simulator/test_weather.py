@@ -12,20 +12,20 @@ from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
-from simulator.scenes.freeway import freeway_markings, freeway_surface
+from simulator.scenes.freeway import Freeway
 from simulator.weather.fog import Fog
 from simulator.weather.night import Night
 from simulator.weather.rain import Rain
 from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
-WIDE_LINE = (replace(freeway_markings()[0], wear=0.0, width_m=1.2, dots=False),)
+WIDE_LINE = (replace(Freeway().markings()[0], wear=0.0, width_m=1.2, dots=False),)
 
 
 def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
     """`small_drive` on used asphalt at 20 m/s."""
     motion = Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01)
-    return small_drive(curvature, **{"surface": freeway_surface(Zone(0.0, "asphalt")), "motion": motion} | changes)
+    return small_drive(curvature, **{"surface": Freeway().surface(), "motion": motion} | changes)
 
 
 def straight_drive(**changes) -> Drive:
@@ -34,7 +34,7 @@ def straight_drive(**changes) -> Drive:
 
 def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
     drive = asphalt_drive(
-        surface=freeway_surface(Zone(0.0, "fresh asphalt"), Zone(1000.0, "concrete")),
+        surface=Freeway("fresh asphalt", (Zone(1000.0, "concrete"),)).surface(),
         motion=Motion(0.0, 400.0),
         exposure=AutoExposure(0.8),
     )
@@ -68,7 +68,7 @@ def ground_levels(drive: Drive, x_m: np.ndarray, y_m: float, monkeypatch) -> np.
 def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     """Contrast of paint and pavement: 5 % is left at the visibility, and its square at twice the visibility."""
     x = np.array([10.0, 20.0, 40.0])
-    surface = replace(freeway_surface(Zone(0.0, "concrete")), seams=())
+    surface = replace(Freeway("concrete").surface(), seams=())
     drive = straight_drive(markings=WIDE_LINE, surface=surface)
     contrast = {}
     for fog in (None, Fog(20.0)):

@@ -6,7 +6,6 @@ import json
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from email.message import Message
 from http.client import HTTPConnection
 
@@ -64,16 +63,15 @@ def labelling(*arguments: object) -> Iterator[Labelling]:
 
 def line_pixels(drive: PaintedDrive, time_s: float, lateral_m: float) -> np.ndarray:
     """Pixels (N, 2), from near to far, of a line in the frame at `time_s`."""
-    pose, mounted = drive.pose(time_s), drive.camera.pose
-    tilted = replace(mounted, pitch_rad=mounted.pitch_rad + drive.motion.pitch(time_s))
+    pose = drive.motion.pose(time_s)
     along_m = offset_point(drive.road, pose.s_m + AHEAD_M, lateral_m)
-    return drive.camera.with_pose(tilted).road_to_pixels(pose.to_car(drive.road, along_m))
+    return drive.camera_at(time_s).road_to_pixels(pose.to_car(drive.road, along_m))
 
 
 def is_painted(drive: PaintedDrive, time_s: float, lateral_m: float) -> np.ndarray:
     """Which of `line_pixels`, (N,) bool, are on a dash, or on a solid line."""
     (stripe,) = (line for line in drive.lines if line.lateral_m == lateral_m)
-    pieces = stripe.pieces(drive.pose(time_s).s_m)
+    pieces = stripe.pieces(drive.motion.pose(time_s).s_m)
     return np.any([(low < AHEAD_M) & (high > AHEAD_M) for low, high in pieces], axis=0)
 
 

@@ -169,14 +169,8 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
     side = 1 if to_left else -1
     crossed = {"dash_m": (3.05, 12.2), "colour": WORN_YELLOW}
     lines = Stripe(side * 1.8, **crossed), Stripe(-side * 1.8, colour=WORN_WHITE), Stripe(side * 5.4)
-    drive = replace(
-        DRIVE,
-        road=straight_road(),
-        lines=lines,
-        motion=Motion(speed_mps=25.0),
-        drift_mps=side * 0.9,
-        drift_s=(1.0, 5.0),
-    )
+    motion = Motion(speed_mps=25.0, shift_m=side * 3.6, shift_start_s=1.0, shift_seconds=4.0)
+    drive = replace(DRIVE, road=straight_road(), lines=lines, motion=motion)
     frames = follow(drive, 5.6)
     assert {lane.state for _, lane, _ in frames[3:]} == {"tracking"}
     assert lateral_error_m(*frames[10][1:]) < 0.1
