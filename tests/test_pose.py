@@ -109,11 +109,11 @@ class TestDrive:
         assert given.lane_width_m == pytest.approx(3.66 * 1.5 / 1.35, abs=0.12)
 
     def test_a_height_that_two_images_do_not_decide_is_doubtful_and_so_are_its_lanes(self):
-        camera = CAMERA.with_pose(CameraPose(2.6, np.radians(4.0)))
+        camera = CAMERA.with_pose(CameraPose(2.85, np.radians(4.0)))
         images = drive(camera, (0.0,) * 2)
         estimate = estimate_pose(images, camera)
         assert estimate.state == DOUBTFUL and "pose is doubtful" in estimate.describe()
-        assert abs(estimate.pose.height_m - 2.6) < 2 * estimate.height_std_m
+        assert abs(estimate.pose.height_m - 2.85) < 2 * estimate.height_std_m
         assert estimate.notes[0].startswith("the pictures allow a height of")
         sure = replace(estimate, confidence_shift=0.0)
         of_doubtful, of_sure = (detect_in_drive(images[0], estimate.camera, e)[0].lane for e in (estimate, sure))

@@ -106,15 +106,9 @@ def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
 
 
 def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
-    """The car drifts over the left line from the first frame on; the lane may still be a wrong one."""
-    drive = PaintedDrive(
-        straight_road(),
-        lane_lines(),
-        Motion(speed_mps=25.0, offset_m=0.75),
-        camera=SMALL,
-        drift_mps=0.9,
-        drift_s=(0.0, 3.0),
-    )
+    """The car moves to the left line at 0.7 m/s in the first frame; the lane may still be a wrong one."""
+    motion = Motion(speed_mps=25.0, offset_m=0.36, shift_m=2.5, shift_start_s=-1.0)
+    drive = PaintedDrive(straight_road(), lane_lines(), motion, camera=SMALL)
     tracker, watch = LaneTracker(SMALL, fps=25), DepartureWatch()
     lanes = [tracker.update(drive.frame(number / 25)) for number in range(32)]
     for lane in filter(None, lanes):
