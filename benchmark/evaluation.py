@@ -12,10 +12,9 @@ import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates, LaneEstimate
-from benchmark.own_finder import OwnFinder
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
-from benchmark.systems import require_system, start_system
+from benchmark.systems import OwnFinder, require_system, start_system
 from lanes.camera import Camera, load_camera
 from lanes.detect.markings import Markings
 from lanes.files import read_telemetry

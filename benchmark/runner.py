@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmark import estimates, evaluation, own_finder, systems
+from benchmark import estimates, evaluation, systems
 from benchmark.errors import frame_errors, normalize_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
@@ -98,7 +98,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Digits that depend on everything that the estimates depend on."""
-    modules = (estimates, evaluation, own_finder, systems, frames, container, reader)
+    modules = (estimates, evaluation, systems, frames, container, reader)
     sources = (Path(inspect.getfile(module)) for module in modules)
     files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
     conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings

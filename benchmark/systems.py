@@ -10,14 +10,14 @@ detector has none: it is what the tracker does in a single picture.
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
-from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, tracking
 from lanes.camera import Camera
@@ -38,6 +38,10 @@ _HELPERS = Path(inspect.getfile(LaneFinder))
 _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
+
+
+Lines = Sequence[Sequence[float]]
+OwnFinder = Callable[[np.ndarray, Camera], Lines | None]
 
 
 def source_files(system: str) -> tuple[Path, ...]:
@@ -186,3 +190,60 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
         np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))
+
+
+def is_own_finder(system: str) -> bool:
+    """Whether the name of a system has the form "file.py:function"."""
+    return ".py:" in system
+
+
+def finder_file(system: str) -> Path:
+    """The file of a system "file.py:function"."""
+    return Path(system.rpartition(":")[0])
+
+
+def load_finder(system: str) -> OwnFinder:
+    """The function of a system "file.py:function", from the file as it is now; each call executes the file.
+
+    Raises
+    ------
+    ValueError
+        If the file does not exist, cannot be executed, or has no such function.
+    """
+    file, name = finder_file(system), system.rpartition(":")[2]
+    if not file.is_file():
+        raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{file}: is not a Python file; name your finder as file.py:function.")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ValueError(f"{file}: cannot be executed ({type(error).__name__}: {error}); correct it.") from error
+    if not callable(getattr(module, name, None)):
+        raise ValueError(f"{file}: has no function {name!r}; name your finder as file.py:function.")
+    return getattr(module, name)
+
+
+def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
+    """The estimate of a finder that returns the coefficients of two lines; no lane for None.
+
+    Raises
+    ------
+    ValueError
+        If there are not two lines.
+    """
+    if lines is None:
+        return LaneEstimate()
+    if len(lines) != 2:
+        raise ValueError(f"a finder returns two lines or None, but this one returned {len(lines)}.")
+    shapes = [np.poly1d(line) for line in lines]
+    slope = np.mean([shape.deriv()(0.0) for shape in shapes])
+    bend = np.mean([shape.deriv(2)(0.0) for shape in shapes])
+    return LaneEstimate(
+        road_points(ALONG_M, np.array([shape(ALONG_M) for shape in shapes])),
+        offset_m=float(-np.mean([shape(0.0) for shape in shapes])),
+        heading_rad=float(np.arctan(slope)),
+        curvature_per_m=float(bend / (1 + slope**2) ** 1.5),
+    )

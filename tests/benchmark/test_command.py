@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import helpers
-from benchmark import estimates, evaluation, own_finder, runner, systems
+from benchmark import estimates, evaluation, runner, systems
 from benchmark.estimates import DriveEstimates, LaneEstimate
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, run_systems
 from benchmark.machine import describe_machine
@@ -134,7 +134,7 @@ class TestRunner:
 
     @pytest.mark.parametrize(
         ("system", "source"),
-        [("tracker", birdseye), ("hls_sobel", helpers), (f"{own_finder.__file__}:load_finder", camera)],
+        [("tracker", birdseye), ("hls_sobel", helpers), (f"{systems.__file__}:load_finder", camera)],
         ids=["tracker", "recipe", "own finder"],
     )
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
@@ -142,7 +142,7 @@ class TestRunner:
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
         monkeypatch.setattr(runner, "run_system", lambda *_: DriveEstimates.from_frames([], []))
         cached_estimates(prepared, system, tmp_path, 1)
-        common = (estimates, evaluation, own_finder, systems, images, reader, camera)
+        common = (estimates, evaluation, systems, images, reader, camera)
         assert {Path(module.__file__) for module in (*common, source)} <= seen
 
     def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):

@@ -12,9 +12,17 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.evaluation import score_video
-from benchmark.own_finder import estimate_from_lines, load_finder
 from benchmark.scored_drive import PROJECT_ROOT
-from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
+from benchmark.systems import (
+    RECIPE_SYSTEMS,
+    SYSTEMS,
+    column_detector,
+    estimate_from_lines,
+    load_finder,
+    recipe_estimate,
+    source_files,
+    start_system,
+)
 from helpers import RoadLine
 from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING

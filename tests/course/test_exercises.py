@@ -7,12 +7,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from course.exercises import chapter_06, check, occlusion
-from course.exercises.chapter_12 import _correct, _distance, check_gate
+from course.exercises import check, occlusion
+from course.exercises.chapters_05_08 import check_lane_width
+from course.exercises.chapters_09_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
+from course.exercises.hints import HintError, require_equal
 from course.exercises.paint import explain_missing, explain_wrong, rate_paint
-from course.exercises.verdict import NOT_TRIED, correct, find_mistake, hint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
@@ -28,26 +29,26 @@ def close_figures():
     plt.close("all")
 
 
-def test_no_answer_and_an_error_in_the_answer_are_reported_in_one_line(monkeypatch, capsys):
-    check_exercise("6.1", None)
-    assert capsys.readouterr().out == "6.1: not tried yet.\n"
-    monkeypatch.setitem(check.CHECKS, "0.1", lambda answer: correct(str(answer())))
-    check_exercise("0.1", lambda: 1 / 0)
-    assert capsys.readouterr().out == "0.1: your answer raised ZeroDivisionError: division by zero\n"
-
-
-def test_verdicts_and_unknown_numbers_in_words():
-    assert str(correct("3.58 m.")) == "correct, 3.58 m."
-    assert str(hint("Too wide.")) == "Too wide."
-    assert not NOT_TRIED.correct
+def test_each_verdict_is_one_line(monkeypatch, capsys):
+    monkeypatch.setitem(check.CHECKS, "0.1", lambda answer: f"{answer():.2f} m.")
+    verdicts = {
+        "not tried yet.": None,
+        "correct, 3.58 m.": lambda: 3.58,
+        "your answer raised ZeroDivisionError: division by zero": lambda: 1 / 0,
+    }
+    for verdict, answer in verdicts.items():
+        check_exercise("0.1", answer)
+        assert capsys.readouterr().out == f"0.1: {verdict}\n"
     with pytest.raises(ValueError, match=r"'99\.1'.*6\.1"):
         check_exercise("99.1", 1)
 
 
 def test_a_mistake_is_named_only_if_all_its_numbers_agree():
     mistakes = {"too large": [2.0, 4.0], "too small": [1.0, 1.0]}
-    assert find_mistake([2.0, 4.01], mistakes, atol=0.02) == "too large"
-    assert [find_mistake(found, mistakes, rtol=0.1) for found in ([2.0, 1.0], 1.0, [np.nan, 1])] == [None] * 3
+    require_equal([3.0, 4.0], [3.0, 4.01], mistakes, "other", atol=0.02)
+    for found, said in (([2.0, 4.01], "too large"), ([2.0, 1.0], "other"), (1.0, "other"), ([np.nan, 1], "other")):
+        with pytest.raises(HintError, match=f"^it is {said}$"):
+            require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
 
 
 def draw_mask(*pieces_m: tuple[float, float, float], width_px: int = 25) -> np.ndarray:
@@ -103,8 +104,9 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
         return (width_px + extra_px) * across_m
 
     given = {"binary": binary, "warp": WARP, "camera": CAMERA, "truth": None}
-    assert chapter_06.check_lane_width(lane_width, **given).correct
-    assert not chapter_06.check_lane_width(lambda mask: lane_width(mask, 40.0), **given).correct
+    assert "for a drawn, narrower lane" in check_lane_width(lane_width, **given)
+    with pytest.raises(HintError, match="m for this lane"):
+        check_lane_width(lambda mask: lane_width(mask, 40.0), **given)
 
 
 def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
@@ -112,7 +114,7 @@ def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
     def correct_gated(state, covariance, z, noise, matrix):
         return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))
 
-    assert check_gate(correct_gated).correct
+    assert "skips the neighbouring lane" in check_gate(correct_gated)
 
 
 @pytest.mark.parametrize(("limit", "rejected"), [(11.3, 10), (np.inf, 0)])
@@ -155,7 +157,10 @@ class TestOcclusion:
 
     def explain(self, monkeypatch, moved_m):
         monkeypatch.setattr(occlusion, "find_lane", self.find)
-        return occlusion.explain_difference(moved_m, self.IMAGE, self.find(self.IMAGE), CAMERA)
+        try:
+            occlusion.require_occlusion(moved_m, self.IMAGE, self.find(self.IMAGE), CAMERA)
+        except HintError as hint:
+            return str(hint)
 
     def test_the_right_map_has_no_mistake(self, monkeypatch):
         assert self.explain(monkeypatch, self.map_of(occlusion.cover_square)) is None
