@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.bootstrap import frame_clusters, share_interval
-from benchmark.errors import CONFIDENT
+from benchmark.errors import CONFIDENT, joined
 from benchmark.reporting.tables import describe_interval
 from benchmark.scores import Result, by_difficulty
 from lanes.describe import format_table
@@ -58,14 +58,11 @@ class AvailableLanes:
     def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
         """From the results of one system on some drives."""
         results = list(results)
-        available, exists, full_rms_m, confidence = (
-            np.concatenate([getattr(result.errors, name) for result in results])
-            for name in ("available", "exists", "full_rms_m", "confidence")
-        )
-        correct = exists & (full_rms_m <= CORRECT_WITHIN_M)
+        every = joined([result.errors for result in results])
+        correct = every.exists & (every.full_rms_m <= CORRECT_WITHIN_M)
         clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
-        confidence = np.nan_to_num(confidence[available], nan=1.0)
-        return cls(confidence, correct[available], clusters[available])
+        confidence = np.nan_to_num(every.confidence, nan=1.0)
+        return cls(confidence[every.available], correct[every.available], clusters[every.available])
 
     def reliability(self) -> Reliability:
         """The reliability diagram: accuracy against confidence."""

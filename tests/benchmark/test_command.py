@@ -11,7 +11,7 @@ import pytest
 
 import helpers
 from benchmark import estimates, evaluation, runner, systems
-from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, run_systems
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
@@ -156,7 +156,7 @@ class TestRunner:
             for time_s in (0.0, 0.04, 0.2, 0.24):
                 video.write(BENDS.frame(time_s), time_s)
         told: list[float | None] = []
-        started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: LaneEstimate())
+        started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: {})
         monkeypatch.setattr(evaluation, "start_system", lambda *_, **__: started)
         run_systems(PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true"), [("tracker", 1), ("tracker", 2)])
         assert told[:2] == [None, None] and told[2:] == pytest.approx([0.04, 0.16, 0.2, 0.04])
