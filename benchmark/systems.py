@@ -42,6 +42,7 @@ PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
 
 Lines = Sequence[Sequence[float]]
 OwnFinder = Callable[[np.ndarray, Camera], Lines | None]
+ColumnDetector = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def source_files(system: str) -> tuple[Path, ...]:
@@ -81,7 +82,7 @@ def start_system(
     return lambda image, _=None: finder.follow(image), recipe_estimate
 
 
-def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def column_detector(system: str, camera: Camera) -> ColumnDetector:
     """A recipe, or a finder of one's own, that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw

@@ -222,15 +222,11 @@ def samples_of_photos(number: int) -> list[Sample]:
 def samples_of_painted_roads(markings: Markings | None = None, *, workers: int = 1) -> list[Sample]:
     """Samples of painted drives with the right pose, and with a wrong one."""
     camera = CAMERA.scaled((640, 360))
-    drives = (
-        run_all(
-            partial(samples_of_painted_drive, camera=camera, pose_is_wrong=wrong, markings=markings),
-            seeds,
-            workers=workers,
-        )
-        for wrong, seeds in ((False, RIGHT_POSES), (True, WRONG_POSES))
-    )
-    return [sample for some in drives for parts in some for part in parts for sample in part]
+    samples = []
+    for wrong, seeds in ((False, RIGHT_POSES), (True, WRONG_POSES)):
+        of_drive = partial(samples_of_painted_drive, camera=camera, pose_is_wrong=wrong, markings=markings)
+        samples += [one for parts in run_all(of_drive, seeds, workers=workers) for part in parts for one in part]
+    return samples
 
 
 def collect_samples(folder: Path, *, workers: int) -> list[Sample]:
@@ -296,17 +292,13 @@ def left_out(table: Table, fixed: dict[int, float] | None = None) -> np.ndarray:
     return probability
 
 
-def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> float:
-    """The number that, added to the log odds (lanes,), makes the mean probability the share of correct lanes.
+def fit_shift(log_odds: np.ndarray, right: np.ndarray, weight: np.ndarray) -> float:
+    """The number that, added to the log odds (N,), makes the mean probability the share of right lanes.
 
     Both are weighted; this is the logistic regression with one constant. Limited to 6 in either direction.
     """
-    low, high = -6.0, 6.0
-    for _ in range(40):
-        shift = (low + high) / 2
-        excess = weight @ (logistic(log_odds + shift) - correct)
-        low, high = (low, shift) if excess > 0 else (shift, high)
-    return shift
+    features = np.column_stack([np.ones(len(log_odds)), log_odds])
+    return float(np.clip(fit_logistic(features, right, weight / weight.mean(), {1: 1.0})[0], -6, 6))
 
 
 def logistic(log_odds: np.ndarray) -> np.ndarray:
@@ -338,21 +330,30 @@ def main() -> None:
     parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    present = np.array([*WEIGHTS.values()])
     if options.markings:
-        samples = samples_of_painted_roads(load_markings(options.markings))
-        if not any(one.right for one in samples):
-            raise SystemExit(f"{options.markings}: no lane found with this network is right; check its YAML file.")
-        table = Table.of(samples)
-        log_odds = table.features @ present
-        shift = fit_shift(log_odds, table.right, table.weight)
-        print_calibration(f"{options.markings}, without a shift", logistic(log_odds), table.right, table.group)
-        print_calibration(f"{options.markings}, with the shift", logistic(log_odds + shift), table.right, table.group)
-        print(f"confidence_shift: {shift:.2f}")
-        return
-    table = Table.of(collect_samples(options.folder, workers=options.workers))
+        print_shift(options.markings)
+    else:
+        print_weights(Table.of(collect_samples(options.folder, workers=options.workers)))
+
+
+def print_shift(model: str) -> None:
+    """Fit the constant of a network, and print it with the calibration."""
+    samples = samples_of_painted_roads(load_markings(model))
+    if not any(one.right for one in samples):
+        raise SystemExit(f"{model}: no lane found with this network is right; check its YAML file.")
+    table = Table.of(samples)
+    log_odds = table.features @ [*WEIGHTS.values()]
+    shift = fit_shift(log_odds, table.right, table.weight)
+    for name, added in (("without a shift", 0.0), ("with the shift", shift)):
+        print_calibration(f"{model}, {name}", logistic(log_odds + added), table.right, table.group)
+    print(f"confidence_shift: {shift:.2f}")
+
+
+def print_weights(table: Table) -> None:
+    """Fit the weights, and print them with the calibration of each source."""
     fixed = {[*WEIGHTS].index(name): value for name, value in FIXED.items()}
-    for name, confidence in (("present", logistic(table.features @ present)), ("left out", left_out(table, fixed))):
+    present = logistic(table.features @ [*WEIGHTS.values()])
+    for name, confidence in (("present", present), ("left out", left_out(table, fixed))):
         for source in SOURCE_WEIGHTS:
             of = table.source == source
             print_calibration(f"{source}, {name}", confidence[of], table.right[of], table.group[of])

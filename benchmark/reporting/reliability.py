@@ -1,4 +1,4 @@
-"""Calibration of the confidence: how often are lanes with a high confidence right?
+"""Calibration of the confidence: how often are lanes with a high confidence right? A table and a diagram.
 
 A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confidence is the probability of that
 (`lanes.detect.confidence`).
@@ -6,9 +6,10 @@ A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confid
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -16,8 +17,14 @@ from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT, joined
 from benchmark.reporting.tables import describe_interval
 from benchmark.scores import Result, by_difficulty
+from benchmark.systems import TRACKER
 from lanes.describe import format_table
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
+from lanes.figures import new_figure, save_figure
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
@@ -64,22 +71,22 @@ class AvailableLanes:
         confidence = np.nan_to_num(every.confidence, nan=1.0)
         return cls(confidence[every.available], correct[every.available], clusters[every.available])
 
+    def rate(self, some: np.ndarray) -> Rate:
+        """The share of correct ones among some of the lanes, (M,) bool."""
+        return _rate(self.correct[some], self.clusters[some])
+
     def reliability(self) -> Reliability:
         """The reliability diagram: accuracy against confidence."""
-        bins = len(BIN_EDGES) - 1
-        index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right") - 1, 0, bins - 1)
-        members = [index == k for k in range(bins) if (index == k).any()]
-        rates = [_rate(self.correct[some], self.clusters[some]) for some in members]
-        return Reliability(
-            np.array([self.confidence[some].mean() for some in members]),
-            *(np.array([getattr(rate, name) for rate in rates]) for name in ("share", "low", "high", "lanes")),
-        )
+        index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right"), 1, len(BIN_EDGES) - 1)
+        members = [index == k for k in np.unique(index)]
+        means, rates = [self.confidence[some].mean() for some in members], [self.rate(some) for some in members]
+        return Reliability(*map(np.array, (means, *zip(*rates, strict=True))))
 
     def summary_cells(self) -> list[str]:
         """How often confident and likely lanes are correct, as the cells of a row below `SUMMARY_COLUMNS`."""
         confident = self.confidence >= CONFIDENT
         likely = ~confident & (self.confidence >= LIKELY_CONFIDENCE)
-        of_confident, of_likely = (_rate(self.correct[some], self.clusters[some]) for some in (confident, likely))
+        of_confident, of_likely = self.rate(confident), self.rate(likely)
         of_correct = _rate(confident[self.correct], self.clusters[self.correct])
         stated = f"{self.confidence[likely].mean():.1%}" if likely.any() else "-"
         cells = f"{of_confident.lanes}", of_confident.describe(), of_correct.describe()
@@ -110,3 +117,34 @@ def describe_confidence(results: Iterable[Result]) -> str:
         return ""
     rows = {", ".join(names): AvailableLanes.from_results(group).summary_cells() for names, group in groups.items()}
     return f"{format_table(SUMMARY_COLUMNS, rows)}\n{CONFIDENCE_LEGEND}"
+
+
+def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
+    """Draw the tracker's reliability diagram; None if the tracker has no lane."""
+    of_tracker = [result for result in results if result.system == TRACKER]
+    if not any(result.errors.available.any() for result in of_tracker):
+        return None
+    scenes = len({result.scene for result in results})
+    title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
+    figure, _ = plot_reliability(AvailableLanes.from_results(of_tracker).reliability(), title=title)
+    return save_figure(figure, path)
+
+
+def plot_reliability(bins: Reliability, *, title: str = "") -> tuple[Figure, Axes]:
+    """Plot a reliability diagram: accuracy against confidence, with the number of lanes above each point."""
+    confidence, accuracy, low, high, count = bins
+    figure, (axes,) = new_figure(1, 1, (8, 6))
+    axes.plot([0, 1], [0, 1], color="0.15", linestyle="--", linewidth=1.3, zorder=3)
+    axes.errorbar(
+        confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
+    )
+    # above the axes and turned, because the points at the right are as close together as a line of text is high
+    above = {"transform": axes.get_xaxis_transform(), "rotation": 90, "ha": "center", "va": "bottom"}
+    for x, lanes in zip(confidence, count, strict=True):
+        axes.text(x, 1.02, f"{lanes}", **above)
+    axes.set(
+        xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
+    )
+    axes.set_title(title, loc="left", pad=40)
+    axes.grid(alpha=0.3)
+    return figure, axes

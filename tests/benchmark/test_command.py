@@ -123,14 +123,14 @@ def test_the_options_reach_the_run(monkeypatch):
 
 class TestRunner:
     def test_finished_estimates_are_not_computed_again(self, prepared, tmp_path, monkeypatch):
-        path = cached_estimates(prepared, "tracker", tmp_path, 1)
+        path = cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1)
         monkeypatch.setattr(runner, "run_system", lambda *_: pytest.fail("computed again"))
-        assert cached_estimates(prepared, "tracker", tmp_path, 1) == path
+        assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
         for task in [(other, "tracker"), (prepared, "best_channel")]:
             with pytest.raises(pytest.fail.Exception, match="computed again"):
-                cached_estimates(*task, tmp_path, 1)
+                cached_estimates(task, folder=tmp_path, workers=1)
 
     @pytest.mark.parametrize(
         ("system", "source"),
@@ -141,7 +141,7 @@ class TestRunner:
         read_bytes, seen = Path.read_bytes, set()
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
         monkeypatch.setattr(runner, "run_system", lambda *_: DriveEstimates.from_frames([], []))
-        cached_estimates(prepared, system, tmp_path, 1)
+        cached_estimates((prepared, system), folder=tmp_path, workers=1)
         common = (estimates, evaluation, systems, images, reader, camera)
         assert {Path(module.__file__) for module in (*common, source)} <= seen
 
