@@ -7,7 +7,7 @@ A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confid
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -36,17 +36,18 @@ interval, and which share of all correct lanes they are. Lanes with 0.5 to 0.9: 
 correct ones."""
 
 
-class Reliability(NamedTuple):
-    """Accuracy of the lanes in B bins of confidence; bins without lanes are left out.
+class Rate(NamedTuple):
+    """Some lanes: mean confidence, share of correct ones with its 95 % interval, and number; NaN without a lane."""
 
-    Mean confidence, share of correct lanes with its 95 % interval, and number of lanes in each bin.
-    """
+    stated: float
+    share: float
+    low: float
+    high: float
+    lanes: int
 
-    confidence: np.ndarray
-    accuracy: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    counts: np.ndarray
+    def describe(self) -> str:
+        """The share and its interval, in percent."""
+        return f"{self.share:.1%} {describe_interval(self.low, self.high)}" if self.lanes else "-"
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,42 +73,24 @@ class AvailableLanes:
         return cls(confidence[every.available], correct[every.available], clusters[every.available])
 
     def rate(self, some: np.ndarray) -> Rate:
-        """The share of correct ones among some of the lanes, (M,) bool."""
-        return _rate(self.correct[some], self.clusters[some])
+        """The rate of correct ones among some of the lanes, (M,) bool."""
+        stated, share = (float(of[some].mean()) if some.any() else np.nan for of in (self.confidence, self.correct))
+        return Rate(stated, share, *share_interval(self.correct[some], self.clusters[some]), int(some.sum()))
 
-    def reliability(self) -> Reliability:
-        """The reliability diagram: accuracy against confidence."""
+    def reliability(self) -> list[Rate]:
+        """The reliability diagram: the rates in bins of confidence; bins without lanes are left out."""
         index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right"), 1, len(BIN_EDGES) - 1)
-        members = [index == k for k in np.unique(index)]
-        means, rates = [self.confidence[some].mean() for some in members], [self.rate(some) for some in members]
-        return Reliability(*map(np.array, (means, *zip(*rates, strict=True))))
+        return [self.rate(index == k) for k in np.unique(index)]
 
     def summary_cells(self) -> list[str]:
         """How often confident and likely lanes are correct, as the cells of a row below `SUMMARY_COLUMNS`."""
         confident = self.confidence >= CONFIDENT
-        likely = ~confident & (self.confidence >= LIKELY_CONFIDENCE)
-        of_confident, of_likely = self.rate(confident), self.rate(likely)
-        of_correct = _rate(confident[self.correct], self.clusters[self.correct])
-        stated = f"{self.confidence[likely].mean():.1%}" if likely.any() else "-"
+        of_confident = self.rate(confident)
+        of_likely = self.rate(~confident & (self.confidence >= LIKELY_CONFIDENCE))
+        of_correct = replace(self, correct=confident).rate(self.correct)
+        stated = f"{of_likely.stated:.1%}" if of_likely.lanes else "-"
         cells = f"{of_confident.lanes}", of_confident.describe(), of_correct.describe()
         return [*cells, f"{of_likely.lanes}", stated, of_likely.describe()]
-
-
-class Rate(NamedTuple):
-    """A share of a number of lanes, with its 95 % interval; NaN without a lane."""
-
-    share: float
-    low: float
-    high: float
-    lanes: int
-
-    def describe(self) -> str:
-        """The share and its interval, in percent."""
-        return f"{self.share:.1%} {describe_interval(self.low, self.high)}" if self.lanes else "-"
-
-
-def _rate(flags: np.ndarray, clusters: np.ndarray) -> Rate:
-    return Rate(float(flags.mean()) if len(flags) else float("nan"), *share_interval(flags, clusters), len(flags))
 
 
 def describe_confidence(results: Iterable[Result]) -> str:
@@ -130,9 +113,9 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     return save_figure(figure, path)
 
 
-def plot_reliability(bins: Reliability, *, title: str = "") -> tuple[Figure, Axes]:
+def plot_reliability(bins: Sequence[Rate], *, title: str = "") -> tuple[Figure, Axes]:
     """Plot a reliability diagram: accuracy against confidence, with the number of lanes above each point."""
-    confidence, accuracy, low, high, count = bins
+    confidence, accuracy, low, high, count = np.array(bins).T
     figure, (axes,) = new_figure(1, 1, (8, 6))
     axes.plot([0, 1], [0, 1], color="0.15", linestyle="--", linewidth=1.3, zorder=3)
     axes.errorbar(
@@ -141,7 +124,7 @@ def plot_reliability(bins: Reliability, *, title: str = "") -> tuple[Figure, Axe
     # above the axes and turned, because the points at the right are as close together as a line of text is high
     above = {"transform": axes.get_xaxis_transform(), "rotation": 90, "ha": "center", "va": "bottom"}
     for x, lanes in zip(confidence, count, strict=True):
-        axes.text(x, 1.02, f"{lanes}", **above)
+        axes.text(x, 1.02, f"{lanes:.0f}", **above)
     axes.set(
         xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
     )

@@ -8,14 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors, recovery_lengths
-from benchmark.estimates import (
-    AHEAD_M,
-    ALONG_M,
-    DriveEstimates,
-    read_estimates,
-    road_points,
-    write_estimates,
-)
+from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, read_estimates, road_points, write_estimates
 from benchmark.reporting.tables import describe_failures, failure_spans
 from benchmark.scores import Result, score, score_rows, total_rows
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
@@ -47,10 +40,9 @@ def lines_through(lateral_m: np.ndarray) -> np.ndarray:
     return road_points(ALONG_M, np.array([np.interp(ALONG_M, AHEAD_M, line) for line in lateral_m]))
 
 
-def estimate(lines_m: np.ndarray, *numbers: float | None) -> dict:
-    """A lane with its offset, heading, curvature and confidence."""
-    names = ("offset_m", "heading_rad", "curvature_per_m", "confidence")
-    return {"lines_m": lines_m, **dict(zip(names, numbers, strict=False))}
+def estimate(lines_m: np.ndarray, offset_m: float, heading: float, curvature: float, confidence: float | None) -> dict:
+    numbers = {"offset_m": offset_m, "heading_rad": heading, "curvature_per_m": curvature, "confidence": confidence}
+    return {"lines_m": lines_m} | numbers
 
 
 def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float, lateral_m: float) -> None:

@@ -13,16 +13,7 @@ from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.evaluation import score_video
 from benchmark.scored_drive import PROJECT_ROOT
-from benchmark.systems import (
-    RECIPE_SYSTEMS,
-    SYSTEMS,
-    column_detector,
-    estimate_from_lines,
-    load_finder,
-    recipe_estimate,
-    source_files,
-    start_system,
-)
+from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
 from helpers import RoadLine
 from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
@@ -123,22 +114,21 @@ def test_a_finder_in_a_file_is_a_system_as_it_is_now(tmp_path):
     assert columns[0] == pytest.approx([-2, u], abs=0.5) and file in source_files(system)
 
 
-def test_a_finder_returns_two_lines_or_none():
-    assert estimate_from_lines(None) == {}
-    with pytest.raises(ValueError, match="two lines or None, but this one returned 1"):
-        estimate_from_lines([(0.0, 1.0)])
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "no such file"), ("1 / 0", "ZeroDivisionError"), ("find = 3", "no function 'find'")],
+    [
+        (None, "no such file"),
+        ("1 / 0", "ZeroDivisionError"),
+        ("find = 3", "no function 'find'"),
+        ("find = lambda image, camera: [(0.0, 1.0)]", "two lines or None, but this one returned 1"),
+    ],
 )
-def test_a_wrong_file_is_named(tmp_path, content, message):
+def test_a_wrong_finder_is_named(tmp_path, content, message):
     file = tmp_path / "wrong.py"
     if content:
         file.write_text(content)
     with pytest.raises(ValueError, match=message):
-        load_finder(f"{file}:find")
+        estimator(f"{file}:find", LEVEL)(IMAGE)
 
 
 def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():

@@ -1,5 +1,7 @@
 """What the check of an exercise prints, and right answers that differ from the folded solution."""
 
+import re
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import cv2
@@ -134,54 +136,45 @@ def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, reject
     assert filter_drive(lambda *given: 1 / 0) is None
 
 
-class TestOcclusion:
-    """13.1: maps of a detector whose lines move by given weights where the image, of level 60, is covered."""
+IMAGE = np.full((720, 1280, 3), 60, np.uint8)
+# By how much each covered square moves the two lines; one square above, and one without which the lane is lost.
+WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
+LOST = (4, 9)
 
-    IMAGE = np.full((720, 1280, 3), 60, np.uint8)
-    WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
-    LOST = (4, 9)
 
-    def find(self, image, camera=CAMERA):
-        covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
-        if covered[self.LOST]:
-            return None
-        moved_m = (self.WEIGHTS_M * covered).sum(axis=(1, 2))
-        return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
+def find_occluded(image, camera=CAMERA):
+    """A detector whose lines move where the image is covered."""
+    covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
+    if covered[LOST]:
+        return None
+    moved_m = (WEIGHTS_M * covered).sum(axis=(1, 2))
+    return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
 
-    def map_of(self, cover, measure=lambda moved_m: np.abs(moved_m).max(), at_m=20.0):
-        moved_m, before_m = np.ones(occlusion.SHAPE), self.find(self.IMAGE).lateral_m(np.array([at_m]))
-        for row, column in np.ndindex(*occlusion.SHAPE):
-            if lane := self.find(cover(self.IMAGE, row, column)):
-                moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
-        return moved_m
 
-    def explain(self, monkeypatch, moved_m):
-        monkeypatch.setattr(occlusion, "find_lane", self.find)
-        try:
-            occlusion.require_occlusion(moved_m, self.IMAGE, self.find(self.IMAGE), CAMERA)
-        except HintError as hint:
-            return str(hint)
+def worst(moved_m: np.ndarray) -> float:
+    return np.abs(moved_m).max()
 
-    def test_the_right_map_has_no_mistake(self, monkeypatch):
-        assert self.explain(monkeypatch, self.map_of(occlusion.cover_square)) is None
 
-    @pytest.mark.parametrize(
-        ("words", "changed"),
-        [
-            ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
-            ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
-            ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
-            ("10 m ahead", {"at_m": 10.0}),
-            ("is 0", {"measure": lambda moved_m: 0.0}),
-            (" instead of ", {"measure": lambda moved_m: np.abs(moved_m).max() / 3}),
-        ],
-    )
-    def test_wrong_measures_are_named(self, monkeypatch, words, changed):
-        moved_m = self.map_of(occlusion.cover_square, **changed)
-        if words == "is 0":
-            moved_m[self.LOST] = 0
-        assert words in self.explain(monkeypatch, moved_m)
-
-    @pytest.mark.parametrize("reason", occlusion.WRONG_COVERS)
-    def test_wrong_covers_are_named(self, monkeypatch, reason):
-        assert self.explain(monkeypatch, self.map_of(occlusion.WRONG_COVERS[reason])) == reason
+@pytest.mark.parametrize(
+    ("words", "changed"),
+    [
+        ("", {}),
+        ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
+        ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
+        ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
+        ("10 m ahead", {"at_m": 10.0}),
+        ("is 0", {"measure": lambda moved_m: 0.0, "lost_m": 0.0}),
+        (" instead of ", {"measure": lambda moved_m: worst(moved_m) / 3}),
+        *((reason, {"cover": cover}) for reason, cover in occlusion.WRONG_COVERS.items()),
+    ],
+)
+def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, changed):
+    """13.1: the right map, and wrong ones."""
+    given = {"cover": occlusion.cover_square, "measure": worst, "at_m": 20.0, "lost_m": 1.0} | changed
+    moved_m, at_m = np.full(occlusion.SHAPE, given["lost_m"]), np.array([given["at_m"]])
+    for row, column in np.ndindex(*occlusion.SHAPE):
+        if lane := find_occluded(given["cover"](IMAGE, row, column)):
+            moved_m[row, column] = min(1, given["measure"](lane.lateral_m(at_m) - find_occluded(IMAGE).lateral_m(at_m)))
+    monkeypatch.setattr(occlusion, "find_lane", find_occluded)
+    with pytest.raises(HintError, match=re.escape(words)) if words else nullcontext():
+        occlusion.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)
