@@ -28,7 +28,7 @@ from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
-from lanes.score import PictureScore, reliability
+from lanes.score import StillScore, reliability
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.process import read_frames
@@ -166,7 +166,7 @@ def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[Scored
     return "\n".join(lines)
 
 
-def _right(scores: Sequence[PictureScore]) -> list[bool]:
+def _right(scores: Sequence[StillScore]) -> list[bool]:
     return [score.right for score in scores if score.right is not None]
 
 

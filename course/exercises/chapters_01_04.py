@@ -181,12 +181,12 @@ def check_four_points(
     true_m = lines_m[0][0] - lines_m[1][0]
     text = ", ".join(f"{width:.2f}" for width in widths)
     otherwise = (
-        f"at 7, 15 and 30 m: it becomes {'narrower' if widths[-1] < widths[0] else 'wider'} with the distance. The "
+        f" at 7, 15 and 30 m: it becomes {'narrower' if widths[-1] < widths[0] else 'wider'} with the distance. The "
         "left and right edges of your quadrangle must be parallel on the road; the lines of the lane are."
         if np.ptp(widths) > WIDTH_TOLERANCE_M
-        else f"the true one {true_m:.2f} m. Is the lower edge parallel to the axle?"
+        else f", the true one {true_m:.2f} m. Is the lower edge parallel to the axle?"
     )
-    require_equal(widths, [true_m] * 3, {}, otherwise, said=f"the lane is {text} m wide, ", atol=WIDTH_TOLERANCE_M)
+    require_equal(widths, [true_m] * 3, {}, otherwise, said=f"the lane is {text} m wide", atol=WIDTH_TOLERANCE_M)
     return f"the lane is {text} m wide at 7, 15 and 30 m (true {true_m:.2f} m)."
 
 
