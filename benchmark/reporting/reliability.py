@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +21,6 @@ from benchmark.systems import TRACKER
 from lanes.describe import format_table
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
 from lanes.figures import new_figure, save_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
@@ -103,19 +99,14 @@ def describe_confidence(results: Iterable[Result]) -> str:
 
 
 def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
-    """Draw the tracker's reliability diagram; None if the tracker has no lane."""
+    """Draw the tracker's reliability diagram: accuracy against confidence, with the number of lanes above each point.
+
+    None if the tracker has no lane.
+    """
     of_tracker = [result for result in results if result.system == TRACKER]
     if not any(result.errors.available.any() for result in of_tracker):
         return None
-    scenes = len({result.scene for result in results})
-    title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
-    figure, _ = plot_reliability(AvailableLanes.from_results(of_tracker).reliability(), title=title)
-    return save_figure(figure, path)
-
-
-def plot_reliability(bins: Sequence[Rate], *, title: str = "") -> tuple[Figure, Axes]:
-    """Plot a reliability diagram: accuracy against confidence, with the number of lanes above each point."""
-    confidence, accuracy, low, high, count = np.array(bins).T
+    confidence, accuracy, low, high, count = np.array(AvailableLanes.from_results(of_tracker).reliability()).T
     figure, (axes,) = new_figure(1, 1, (8, 6))
     axes.plot([0, 1], [0, 1], color="0.15", linestyle="--", linewidth=1.3, zorder=3)
     axes.errorbar(
@@ -128,6 +119,8 @@ def plot_reliability(bins: Sequence[Rate], *, title: str = "") -> tuple[Figure, 
     axes.set(
         xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
     )
+    scenes = len({result.scene for result in results})
+    title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
     axes.set_title(title, loc="left", pad=40)
     axes.grid(alpha=0.3)
-    return figure, axes
+    return save_figure(figure, path)
