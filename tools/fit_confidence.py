@@ -63,11 +63,6 @@ class Sample:
     features: dict[str, float]
     right: bool
 
-    @classmethod
-    def of(cls, lane: Lane, source: str, group: str, right: object) -> Sample:
-        """The sample of a lane."""
-        return cls(source, group, lane.features, bool(right))
-
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
     """A random road and its speed: motorway, country road or mountain road."""
@@ -186,14 +181,14 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, group: str) -> list[Sampl
     """Samples of the lanes in the frames of a truth."""
     estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     right = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
-    return [Sample.of(lane, PAINTED, group, one) for lane, one in zip(lanes, right, strict=True) if lane]
+    return [Sample(PAINTED, group, lane.features, bool(one)) for lane, one in zip(lanes, right, strict=True) if lane]
 
 
 def samples_of_roads(task: tuple[RoadSet, str]) -> list[Sample]:
     """Samples of a labelled set of real roads, in one of the ways to look at it."""
     scored = score_set(task, TrackerSettings())
     return [
-        Sample.of(one.lane, REAL, task[0].name, one.score.right)
+        Sample(REAL, task[0].name, one.lane.features, one.score.right)
         for one in scored
         if one.lane and one.score.right is not None
     ]
@@ -205,17 +200,17 @@ def samples_of_no_road(kind: str) -> list[Sample]:
     for seed in range(NO_ROADS):
         image = not_a_road(kind, seed)
         lanes += [find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))]
-    return [Sample.of(lane, NO_ROAD, kind, False) for lane in lanes if lane]
+    return [Sample(NO_ROAD, kind, lane.features, False) for lane in lanes if lane]
 
 
 def samples_of_photos(number: int) -> list[Sample]:
     """Samples of photos of a flat scene, whose camera pose is estimated from the same image."""
     rng, scene, samples = np.random.default_rng([7, number]), flat_scenes()[number], []
     for _ in range(PHOTOS):
-        photo = take_photo(scene, rng)
-        camera, lane = find_with_own_pose(photo.frame.image)
+        image, label = take_photo(scene, rng)
+        camera, lane = find_with_own_pose(image)
         if camera and lane:
-            samples.append(Sample.of(lane, PHOTO, f"photo {number}", right_in_picture(lane, camera, photo.label)))
+            samples.append(Sample(PHOTO, f"photo {number}", lane.features, right_in_picture(lane, camera, label)))
     return samples
 
 
