@@ -15,7 +15,7 @@ from course.exercises.chapters_09_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
 from course.exercises.hints import HintError, require_equal
-from course.exercises.paint import explain_missing, explain_wrong, rate_paint
+from course.exercises.paint import rate_paint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
@@ -53,13 +53,13 @@ def test_a_mistake_is_named_only_if_all_its_numbers_agree():
             require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
 
 
-def draw_mask(*pieces_m: tuple[float, float, float], width_px: int = 25) -> np.ndarray:
+def draw_mask(*pieces_m: tuple[float, float, float]) -> np.ndarray:
     """A mask of pieces along the road: lateral position, first and last distance, metres."""
     mask = np.zeros((720, 1280), np.uint8)
     for y_m, *ends_m in pieces_m:
         points_m = np.array([[x_m, y_m] for x_m in ends_m])
         (u, v), (u_far, v_far) = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(points_m)))
-        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, width_px)
+        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, 25)
     return mask
 
 
@@ -76,20 +76,6 @@ def test_paint_is_rated_by_place_and_by_line():
     assert left - right == pytest.approx(7 / 25, abs=0.05)  # the drawn ends are round
     gap = draw_mask((-2.0, 12, 20))
     assert all(gap[round(v), round(u)] for u, v in np.mean(rating.missed_px, axis=1))
-    assert "narrow" in explain_wrong(rating, WARP, CAMERA)
-    wide = rate_paint(draw_mask((0, 8, 16), width_px=120), WARP, CAMERA, STRAIGHT)
-    assert "wider than a line" in explain_wrong(wide, WARP, CAMERA)
-
-
-@pytest.mark.parametrize(
-    ("pieces_m", "words"),
-    [
-        ([(1.6, 4, 12), (-2, 4, 35)], "solid yellow line it finds only 3"),
-        ([(1.6, 4, 35), (-2, 5, 8)], "dash has 73 rows"),
-    ],
-)
-def test_the_line_that_is_missing_is_named(pieces_m, words):
-    assert words in explain_missing(rate_paint(draw_mask(*pieces_m), WARP, CAMERA, STRAIGHT), WARP, CAMERA)
 
 
 @pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
