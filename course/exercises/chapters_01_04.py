@@ -20,8 +20,8 @@ def check_best_ruler(worst_px: float, *, rows: np.ndarray, columns: np.ndarray) 
     misses = np.polyval(np.polyfit(rows, columns, 1), rows) - columns
     swapped = np.polyval(np.polyfit(columns, rows, 1), columns) - rows
     worst = np.abs(misses).max()
+    require(found != round(worst), f"{found:.0f} px is rounded. Give one decimal or more.")
     mistakes = {
-        "is rounded. Give one decimal or more.": round(worst),
         "is a mean of the distances. Take the largest one.": np.abs(misses).mean(),
         "is the largest distance on one side only. Take the absolute values first.": min(misses.max(), -misses.min()),
         "belongs to the row as a function of the column. Swap the first two arguments of np.polyfit.": np.abs(
