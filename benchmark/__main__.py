@@ -51,40 +51,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "equalized_hsv_pose, best_channel_pose), tracker, detector (each frame alone; default: all of these), or "
         "file.py:function for your own",
     )
-    parser.add_argument(
-        "--seed",
-        type=bounded(int, 0),
-        default=0,
-        metavar="N",
-        help="score variant number N of each scene: other radii, speeds, camera pose and noise (default: %(default)s, "
-        "the scenes themselves)",
-    )
-    parser.add_argument(
-        "--estimated-pose",
-        action="store_true",
-        help="estimate the camera pose from each video, as for real drives, instead of using the true pose",
-    )
+    seed = "score variant number N of each scene: other radii, speeds, camera pose and noise (default: %(default)s, "
+    parser.add_argument("--seed", type=bounded(int, 0), default=0, metavar="N", help=f"{seed}the scenes themselves)")
+    estimated = "estimate the camera pose from each video, as for real drives, instead of using the true pose"
+    parser.add_argument("--estimated-pose", action="store_true", help=estimated)
     parser.add_argument("--speed", action="store_true", help="measure times on the committed project video")
-    parser.add_argument(
-        "--workers", type=bounded(int, 1), default=1, metavar="N", help="number of processes (default: %(default)s)"
-    )
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("."),
-        metavar="FOLDER",
-        help="output folder (default: the current one)",
-    )
+    workers = "number of processes (default: %(default)s)"
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help=workers)
+    output = "output folder (default: the current one)"
+    parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help=output)
     labelled = parser.add_argument_group("hand-labelled stills")
-    labelled.add_argument(
-        "--labels", type=Path, metavar="JSONL", help="labels in TuSimple's format; raw_file is relative to this file"
-    )
-    labelled.add_argument(
-        "--each-folder",
-        action="store_true",
-        help="each top folder below the labels is another camera: its pose is estimated from its own labelled stills",
-    )
+    labels = "labels in TuSimple's format; raw_file is relative to this file"
+    labelled.add_argument("--labels", type=Path, metavar="JSONL", help=labels)
+    folders = "each top folder below the labels is another camera: its pose is estimated from its own labelled stills"
+    labelled.add_argument("--each-folder", action="store_true", help=folders)
     add_lens(labelled)
 
 
@@ -121,23 +101,23 @@ def _score_labelled(options: argparse.Namespace) -> None:
     from benchmark.systems import STILL_SYSTEMS
     from lanes.labels import read_labels
 
-    labels, systems, scored = read_labels(options.labels), options.system or STILL_SYSTEMS, []
+    labels, folders = read_labels(options.labels), []
     for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
         some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
         lens, settings = find_lens(options)
-        folder = stills.score_folder(some, options.files, lens, systems, markings=settings.markings)
-        scored.append(folder)
-        lanes = stills.summarize_lanes(folder.engine)
-        print(f"{name}: {len(some)} stills; {lanes}" if name else folder.describe_pose())
-    print(stills.describe_labelled(stills.join_scores(scored)))
-    if every := [lane for folder in scored for lane in folder.engine]:
+        systems = options.system or STILL_SYSTEMS
+        folders.append(stills.score_folder(some, options.files, lens, systems, markings=settings.markings))
+        lanes = stills.summarize_lanes(folders[-1].engine)
+        print(f"{name}: {len(some)} stills; {lanes}" if name else folders[-1].describe_pose())
+    print(stills.describe_labelled(folders))
+    if every := [lane for folder in folders for lane in folder.engine]:
         print(f"\n{stills.describe_lanes(every)}\n")
 
 
 def _report(results: list, folder: Path) -> None:
     from benchmark import consistency
-    from benchmark.reporting import figures, reliability, tables
+    from benchmark.reporting import reliability, tables
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
@@ -152,7 +132,7 @@ def _report(results: list, folder: Path) -> None:
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         write_telemetry(folder / "consistency.csv", stated) if stated else None,
-        figures.save_reliability_figure(folder / "reliability.png", results),
+        reliability.save_reliability_figure(folder / "reliability.png", results),
     ]
     print(f"wrote {', '.join(str(path) for path in written if path)}")
 

@@ -27,24 +27,17 @@ def frame_clusters(frames: Sequence[int], fps: Sequence[float]) -> np.ndarray:
     return np.repeat(np.arange(len(frames)), frames)
 
 
-def ratio_interval(numerator: np.ndarray, denominator: np.ndarray) -> tuple[float, float]:
-    """95 % interval of sum(numerator) / sum(denominator), both (C,), when C clusters are drawn with replacement.
-
-    Percentiles of the bootstrap; NaN without any cluster.
-    """
-    if not len(numerator):
-        return float("nan"), float("nan")
-    clusters = len(numerator)
-    drawn = np.random.default_rng(SEED).multinomial(clusters, np.full(clusters, 1 / clusters), RESAMPLINGS)
-    counts = drawn @ denominator
-    low, high = np.percentile((drawn @ numerator)[counts > 0] / counts[counts > 0], PERCENTILES)
-    return float(low), float(high)
-
-
 def mean_interval(values: np.ndarray, clusters: np.ndarray) -> tuple[float, float]:
-    """95 % interval of the mean of values (N,) in clusters (N,); NaN without any value."""
-    _, index = np.unique(clusters, return_inverse=True)
-    return ratio_interval(np.bincount(index, values), np.bincount(index))
+    """95 % interval of the mean of values (N,) in clusters (N,), which are drawn with replacement.
+
+    Percentiles of the bootstrap; NaN without any value.
+    """
+    if not len(values):
+        return float("nan"), float("nan")
+    _, index, count = np.unique(clusters, return_inverse=True, return_counts=True)
+    drawn = np.random.default_rng(SEED).multinomial(len(count), np.full(len(count), 1 / len(count)), RESAMPLINGS)
+    low, high = np.percentile((drawn @ np.bincount(index, values)) / (drawn @ count), PERCENTILES)
+    return float(low), float(high)
 
 
 def share_interval(flags: np.ndarray, clusters: np.ndarray) -> tuple[float, float]:

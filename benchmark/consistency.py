@@ -8,11 +8,11 @@ Bar-Shalom et al., "Estimation with applications to tracking and navigation", 20
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 import numpy as np
 
-from benchmark.errors import NUMBERS, QUANTITIES, NormalizedErrors
+from benchmark.errors import NUMBERS, QUANTITIES, NormalizedErrors, joined
 from benchmark.scores import Result, Row, by_difficulty, total_name
 
 LEGEND = """\
@@ -32,13 +32,14 @@ def z_summary(z: np.ndarray) -> dict[str, float]:
 
 def consistency(drives: Iterable[NormalizedErrors]) -> dict[str, float]:
     """Numbers of frames, mean and median NEES / 4, and `z_summary` of each quantity, over the frames of some drives."""
-    some = NormalizedErrors.joined(list(drives))
+    some = joined(list(drives))
+    nees = some.nees[some.used] if some.used.any() else np.array([np.nan])
     row = {
-        "frames": float(len(some.nees)),
-        "lane_change_frames": float(some.lane_change_frames),
-        "other_lane_frames": float(some.other_lane_frames),
-        "nees_mean": float(some.nees.mean()) if len(some.nees) else float("nan"),
-        "nees_median": float(np.median(some.nees)) if len(some.nees) else float("nan"),
+        "frames": float(some.used.sum()),
+        "lane_change_frames": float(some.lane_change.sum()),
+        "other_lane_frames": float((~some.used & ~some.lane_change).sum()),
+        "nees_mean": float(nees.mean()),
+        "nees_median": float(np.median(nees)),
     }
     for quantity in QUANTITIES:
         row |= {f"{quantity}_{name}": value for name, value in z_summary(some.of(quantity)).items()}
@@ -48,8 +49,13 @@ def consistency(drives: Iterable[NormalizedErrors]) -> dict[str, float]:
 def consistency_rows(results: Iterable[Result]) -> list[Row]:
     """A row for each scene and system that states a covariance, then one for each difficulty and system."""
     stated = [result for result in results if result.normalized is not None]
-    scenes = [_row(result.scene, [result]) for result in stated]
-    return scenes + [_row(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
+    groups = [(result.scene, [result]) for result in stated]
+    groups += [(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
+    return [
+        {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
+        | consistency(one.normalized for one in group if one.normalized)
+        for name, group in groups
+    ]
 
 
 def consistency_table(rows: Iterable[Row]) -> str:
@@ -67,12 +73,3 @@ def describe_z(summary: dict[str, float]) -> str:
     """A `z_summary` as "1.02 68/95": root mean square, percent within 1 and 2; a dash without any z."""
     rms, within_1, within_2 = summary.values()
     return "-" if rms != rms else f"{rms:.2f} {100 * within_1:.0f}/{100 * within_2:.0f}"
-
-
-def _row(name: str, group: Sequence[Result]) -> Row:
-    names = {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
-    return names | consistency(_normalized(group))
-
-
-def _normalized(group: Sequence[Result]) -> list[NormalizedErrors]:
-    return [result.normalized for result in group if result.normalized is not None]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -134,6 +135,15 @@ class FrameErrors:
         return self.confident & ~self.correct
 
 
+Frames = TypeVar("Frames", FrameErrors, "NormalizedErrors")
+
+
+def joined(drives: Sequence[Frames]) -> Frames:
+    """The errors of the frames of all drives."""
+    arrays = ([getattr(drive, field.name) for drive in drives] for field in fields(drives[0]))
+    return type(drives[0])(*map(np.concatenate, arrays))
+
+
 def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
     """Errors of the estimates against the truth of the same N frames.
 
@@ -223,29 +233,22 @@ class NormalizedErrors:
     """Errors of M frames in units of the stated standard deviations.
 
     `z` (M, 4) are those of `NUMBERS`, `lines_z` (M, 2, D) those of the lateral positions at AHEAD_M, NaN where a line
-    has ended; `nees` (M,) is divided by 4. Two kinds of frames are left out and counted: in `lane_change_frames` the
-    car is within 0.4 m of a line, and either adjacent lane counts as the ego lane; in `other_lane_frames` another lane
-    was found.
+    has ended; `nees` (M,) is divided by 4. Two kinds of frames (M,) are left out of summaries: in a `lane_change` the
+    car is within 0.4 m of a line, and either adjacent lane counts as the ego lane; in the others that are not `used`
+    another lane was found.
     """
 
     z: np.ndarray
     lines_z: np.ndarray
     nees: np.ndarray
-    lane_change_frames: int
-    other_lane_frames: int
-
-    @classmethod
-    def joined(cls, drives: Sequence[NormalizedErrors]) -> NormalizedErrors:
-        """The frames of all drives."""
-        z, lines_z, nees = (np.concatenate([getattr(drive, k) for drive in drives]) for k in ("z", "lines_z", "nees"))
-        changes, others = (sum(getattr(d, f"{k}_frames") for d in drives) for k in ("lane_change", "other_lane"))
-        return cls(z, lines_z, nees, changes, others)
+    lane_change: np.ndarray
+    used: np.ndarray
 
     def of(self, quantity: str) -> np.ndarray:
-        """The finite z of one of `QUANTITIES`; those of both lines for a lateral position."""
+        """The finite z of one of `QUANTITIES` in the frames that are used; those of both lines for a position."""
         number = QUANTITIES.index(quantity)
-        z = self.z[:, number] if number < len(NUMBERS) else self.lines_z[:, :, number - len(NUMBERS)].ravel()
-        return z[np.isfinite(z)]
+        z = self.z[:, number] if number < len(NUMBERS) else self.lines_z[:, :, number - len(NUMBERS)]
+        return z[self.used][np.isfinite(z[self.used])]
 
 
 def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedErrors | None:
@@ -257,17 +260,16 @@ def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedE
     if not compared.any():
         return None
     change = (np.abs(truth.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
-    lateral = np.where(truth.compared, estimates.lines_y_m - truth.lines_y_m, np.nan)
     other = worse_rms(line_errors(estimates, truth)[..., NEAR]) > OTHER_LANE_M
-    used = compared & ~change & ~other
-    errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[used]
-    covariance = estimates.covariance[used]
+    lateral = np.where(truth.compared, estimates.lines_y_m - truth.lines_y_m, np.nan)
+    errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[compared]
+    covariance = estimates.covariance[compared]
     return NormalizedErrors(
         errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-        lateral[used] / estimates.lines_std_m[used],
+        (lateral / estimates.lines_std_m)[compared],
         np.einsum("ni,ni->n", errors, np.linalg.solve(covariance, errors[..., None])[..., 0]) / len(NUMBERS),
-        int((compared & change).sum()),
-        int((compared & ~change & other).sum()),
+        change[compared],
+        ~(change | other)[compared],
     )
 
 

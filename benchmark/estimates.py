@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from lanes.detect.confidence import CORRECT_AT_M
 from lanes.files import require_file, write_atomically
@@ -25,36 +26,19 @@ SHAPES = {
     "lines_y_m": (2, len(AHEAD_M)),
     "lines_std_m": (2, len(AHEAD_M)),
 }
-
-
-@dataclass(frozen=True, eq=False)
-class LaneEstimate:
-    """The ego lane as a system sees it in one frame; all None if no lane is available. Signs as in docs/conventions.md.
-
-    `lines_m` (2, P, 2) are points (x, y) of the left and right line, metres, in order from the car: at arc lengths
-    ALONG_M of the road, or at distances x = ALONG_M ahead, as is easier for the system. `confidence` is None also if
-    the system states none, as are the uncertainties: `covariance` (4, 4) of the errors of offset, heading, curvature
-    and width; lateral positions `lines_y_m` (2, D) of the lines at AHEAD_M and their standard deviations `lines_std_m`
-    (2, D), both NaN beyond the point where a line turns back.
-    """
-
-    lines_m: np.ndarray | None = None
-    offset_m: float | None = None
-    heading_rad: float | None = None
-    curvature_per_m: float | None = None
-    confidence: float | None = None
-    width_m: float | None = None
-    covariance: np.ndarray | None = None
-    lines_y_m: np.ndarray | None = None
-    lines_std_m: np.ndarray | None = None
+# What a system states in one frame: values of `DriveEstimates` by name, empty if no lane is available.
+LaneEstimate = Mapping[str, ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
 class DriveEstimates:
-    """The estimates of N consecutive frames as arrays, NaN for None.
+    """The ego lane as a system sees it in N consecutive frames; NaN if no lane is available, or nothing is stated.
 
-    `lines_m` is (N, 2, P, 2), `covariance` (N, 4, 4), `lines_y_m` and `lines_std_m` are (N, 2, D), all others (N,).
-    `time_ms` is the time that the system took for the frame.
+    Signs as in docs/conventions.md; all are (N,) except for these. `lines_m` (N, 2, P, 2) are points (x, y) of the left
+    and right line, metres, in order from the car: at arc lengths ALONG_M of the road, or at distances x = ALONG_M
+    ahead, as is easier for the system. `covariance` (N, 4, 4) is that of the errors of offset, heading, curvature and
+    width. `lines_y_m` (N, 2, D) are the lateral positions of the lines at AHEAD_M, `lines_std_m` (N, 2, D) their
+    standard deviations, both NaN beyond the point where a line turns back. `time_ms` is the time that the system took.
     """
 
     lines_m: np.ndarray
@@ -71,11 +55,10 @@ class DriveEstimates:
     @classmethod
     def from_frames(cls, estimates: Sequence[LaneEstimate], time_ms: Sequence[float]) -> DriveEstimates:
         """From the estimates of consecutive frames and their times."""
-        arrays = {
-            field.name: _stack([getattr(estimate, field.name) for estimate in estimates], SHAPES.get(field.name, ()))
-            for field in fields(LaneEstimate)
-        }
-        return cls(**arrays, time_ms=np.array(time_ms, float))
+        frames = [{**estimate, "time_ms": time} for estimate, time in zip(estimates, time_ms, strict=True)]
+        nothing = {field.name: np.full(SHAPES.get(field.name, ()), np.nan) for field in fields(cls)}
+        stacked = {name: [frame.get(name, value) for frame in frames] for name, value in nothing.items()}
+        return cls(**{name: np.array(stacked[name], float).reshape(-1, *nothing[name].shape) for name in stacked})
 
     @property
     def available(self) -> np.ndarray:
@@ -86,12 +69,6 @@ class DriveEstimates:
 def road_points(x_m: np.ndarray, lateral_m: np.ndarray) -> np.ndarray:
     """Points (..., P, 2) of lines with the lateral positions (..., P) at distances (P,) straight ahead."""
     return np.stack(np.broadcast_arrays(x_m, lateral_m), axis=-1)
-
-
-def _stack(values: Sequence[float | np.ndarray | None], shape: tuple[int, ...]) -> np.ndarray:
-    """(N, *shape) array of values, NaN for None."""
-    nothing = np.full(shape, np.nan)
-    return np.array([nothing if value is None else value for value in values], float).reshape(-1, *shape)
 
 
 def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -> None:

@@ -12,10 +12,9 @@ import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates, LaneEstimate
-from benchmark.own_finder import OwnFinder
 from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
-from benchmark.systems import require_system, start_system
+from benchmark.systems import OwnFinder, require_system, start_system
 from lanes.camera import Camera, load_camera
 from lanes.detect.markings import Markings
 from lanes.files import read_telemetry
@@ -74,12 +73,12 @@ def run_systems(
     video = prepared.drive.require_video()
     fps = inspect_video(video).fps
     begin = partial(start_system, settings=settings, markings=prepared.markings)
-    started = [begin(system, prepared.camera, fps / every) for system, every in systems]
+    started = [(*begin(system, prepared.camera, fps / every), every) for system, every in systems]
     estimates: list[list[LaneEstimate]] = [[] for _ in systems]
     time_ms: list[list[float]] = [[] for _ in systems]
     last_s: list[float | None] = [None for _ in systems]
     for number, frame in enumerate(read_timed_frames(video, end_s=end_s)):
-        for k, ((find, to_estimate), (_, every)) in enumerate(zip(started, systems, strict=True)):
+        for k, (find, to_estimate, every) in enumerate(started):
             if number % every:
                 continue
             before_s, last_s[k] = last_s[k], frame.time_s
@@ -87,7 +86,7 @@ def run_systems(
             found = find(frame.image, None if before_s is None else frame.time_s - before_s)
             time_ms[k].append(1000 * (time.perf_counter() - start))
             estimates[k].append(to_estimate(found))
-    return [DriveEstimates.from_frames(*each) for each in zip(estimates, time_ms, strict=True)]
+    return list(map(DriveEstimates.from_frames, estimates, time_ms))
 
 
 def score_video(
@@ -110,15 +109,13 @@ def score_systems(
     for system, _ in systems.values():
         if not callable(system):
             require_system(system)
-    prepared = prepare_drive(drive_from_video(video))
-    of_all_frames, fps = read_truth(prepared.drive), inspect_video(video).fps
-    found = run_systems(prepared, list(systems.values()), end_s=end_s)
-    rows = []
+    drive = drive_from_video(video)
+    found = run_systems(prepare_drive(drive), list(systems.values()), end_s=end_s)
+    truth, fps, rows = read_truth(drive), inspect_video(video).fps, []
     for (label, (_, every)), estimates in zip(systems.items(), found, strict=True):
-        truth = of_all_frames.select(slice(0, len(estimates.offset_m) * every, every))
-        errors = frame_errors(estimates, truth)
+        errors = frame_errors(estimates, truth.select(slice(0, len(estimates.offset_m) * every, every)))
         # each alone: only systems on the same frames can be compared
-        rows += score_rows([Result(prepared.drive.name, prepared.drive.difficulty, label, errors, fps=fps / every)])
+        rows += score_rows([Result(drive.name, drive.difficulty, label, errors, fps=fps / every)])
     return rows
 
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.consistency import describe_z, z_summary
-from benchmark.systems import DETECTOR, TRACKER, column_detector
+from benchmark.systems import DETECTOR, TRACKER, ColumnDetector, column_detector
 from lanes.camera import Camera
 from lanes.console import progress_line
 from lanes.describe import format_table, number_cells
@@ -84,28 +84,23 @@ def score_folder(
     report = progress_line("stills")
     for done, (label, file) in enumerate(zip(labels, files, strict=True), 1):
         image = camera.require_size(read_image(file), label.name)
-        for system, columns_of in others.items():
-            lines = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
-            scores[system].append(score_still(label, lines, camera.size))
         if len(others) < len(systems):
             found, _ = detect_in_drive(image, camera, estimate, markings)
             engine.append(score_lane(found.lane, label, found.camera))
+        for system, some in scores.items():
+            some.append(_score(label, others[system], image, camera) if system in others else engine[-1].score)
         report(done, len(labels))
-    of_engine = [one.score for one in engine]
-    return LabelledFolder({s: some if s in others else of_engine for s, some in scores.items()}, engine, estimate)
+    return LabelledFolder(scores, engine, estimate)
 
 
-def join_scores(folders: Iterable[LabelledFolder]) -> dict[str, list[StillScore]]:
-    """The scores of each system on the stills of all cameras."""
-    scores: dict[str, list[StillScore]] = {}
-    for folder in folders:
-        for system, some in folder.scores.items():
-            scores.setdefault(system, []).extend(some)
-    return scores
+def _score(label: LaneColumns, columns_of: ColumnDetector, image: np.ndarray, camera: Camera) -> StillScore:
+    found = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
+    return score_still(label, found, camera.size)
 
 
-def describe_labelled(scores: Mapping[str, Sequence[StillScore]]) -> str:
-    """A table of the summary, a line for each system."""
+def describe_labelled(folders: Sequence[LabelledFolder]) -> str:
+    """A table of the scores on the stills of all cameras, a line for each system."""
+    scores = {system: [one for folder in folders for one in folder.scores[system]] for system in folders[0].scores}
     return format_table(*number_cells({system: summarize(some) for system, some in scores.items()}))
 
 
@@ -116,11 +111,10 @@ def score_lane(lane: Lane | None, label: LaneColumns, camera: Camera) -> ScoredL
     found = LaneColumns(label.name, label.rows, lane.columns(camera, label.rows), EGO_SIDES, lane.confidence)
     error_m = lateral_errors_m(label.ego_lane(camera.size), found, camera, COMPARED_AT_M)
     other = np.abs(error_m) > OTHER_LINE_M
-    error_m[other] = np.nan
     label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
     row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
-    score = score_still(label, found, camera.size)
-    return ScoredLane(score, lane, error_m / np.hypot(row_std, label_std_m), int(other.sum()))
+    z = np.where(other, np.nan, error_m / np.hypot(row_std, label_std_m))
+    return ScoredLane(score_still(label, found, camera.size), lane, z, int(other.sum()))
 
 
 def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
@@ -135,9 +129,8 @@ def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
 
 def describe_lanes(scored: Sequence[ScoredLane]) -> str:
     """Tables of z at each distance, and of the right lanes by confidence."""
-    rows = {}
-    for distance_m, z, cell in zip(COMPARED_AT_M, np.moveaxis(all_z(scored), 2, 0), _z_cells(scored), strict=True):
-        rows[f"lateral, {distance_m:.0f} m"] = [f"{np.isfinite(z).sum()}", cell]
+    compared, cells = np.isfinite(all_z(scored)).sum(axis=(0, 1)), _z_cells(scored)
+    rows = {f"lateral, {x:.0f} m": [f"{n}", cell] for x, n, cell in zip(COMPARED_AT_M, compared, cells, strict=True)}
     return (
         f"{format_table(('compared', 'z'), rows)}\n"
         f"left out, error above {OTHER_LINE_M:g} m: {sum(one.other_lines for one in scored)}\n"

@@ -28,7 +28,7 @@ from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
-from lanes.score import reliability
+from lanes.score import StillScore, reliability
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.process import read_frames
@@ -118,24 +118,21 @@ def _score_stills(
 
 def _score_clips(roads: RoadSet, settings: TrackerSettings) -> list[ScoredLane]:
     """Scores of the labels with a clip, which is tracked up to its last labelled frame."""
-    scores = []
-    for clip in sorted({frame[0] for frame in roads.frames if frame}):
-        labels = {
-            frame[1]: label
-            for label, frame in zip(roads.labels, roads.frames, strict=True)
-            if frame and frame[0] == clip
-        }
+    scores, clips = [], dict[Path, dict[int, LaneColumns]]()
+    for label, frame in zip(roads.labels, roads.frames, strict=True):
+        if frame:
+            clips.setdefault(frame[0], {})[frame[1]] = label
+    for clip, labels in sorted(clips.items()):
         info = inspect_video(clip)
-        size = info.width, info.height
-        camera, pose = ensure_pose(
-            _camera(size, clip), sample_images([clip], POSE_PICTURES), settings=settings.detector
-        )
+        camera = _camera((info.width, info.height), clip)
+        camera, pose = ensure_pose(camera, sample_images([clip], POSE_PICTURES), settings=settings.detector)
         tracker = make_tracker(info.fps, camera, pose, None, settings)
         with closing(read_frames(clip, info)) as frames:
             for number, (_, lane) in enumerate(track_frames(frames, tracker)):
-                if label := labels.pop(number, None):
-                    scores.append(score_lane(lane, _at_size(roads.folder, label, tracker.camera.size), tracker.camera))
-                if not labels:
+                if number in labels:
+                    label = _at_size(roads.folder, labels[number], tracker.camera.size)
+                    scores.append(score_lane(lane, label, tracker.camera))
+                if number == max(labels):
                     break
     return scores
 
@@ -149,29 +146,28 @@ def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneCol
 
 def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]) -> str:
     """A line for each set, then means over the sets of each half and of all."""
-    lines: list[str] = []
-    points: dict[str, float] = {}
-    for roads, found in zip(sets, scored, strict=True):
-        scores = [one.score for one in found]
-        if not scores:
-            continue
-        points[roads.name] = float(np.nanmean(np.concatenate([s.values["ego accuracy"] for s in scores])))
-        right = [s.right for s in scores if s.right is not None]
-        lines.append(f"{roads.half} {roads.name:24s} {points[roads.name]:.3f} right {sum(right)} of {len(right)}")
+    known = [(roads, [one.score for one in found]) for roads, found in zip(sets, scored, strict=True) if found]
+    points = [float(np.nanmean(np.concatenate([s.values["ego accuracy"] for s in scores]))) for _, scores in known]
+    lines = []
+    for (roads, scores), share in zip(known, points, strict=True):
+        right = _right(scores)
+        lines.append(f"{roads.half} {roads.name:24s} {share:.3f} right {sum(right)} of {len(right)}")
     for half in ("A", "B", "AB"):
-        some = [k for k, roads in enumerate(sets) if scored[k] and roads.half in half]
-        scores = [one.score for k in some for one in scored[k]]
-        if not scores:
+        some = [k for k, (roads, _) in enumerate(known) if roads.half in half]
+        if not some:
             continue
-        mean, low = np.mean([points[sets[k].name] for k in some]), min(points[sets[k].name] for k in some)
-        right = [s.right for s in scores if s.right is not None]
-        sure = reliability(scores)["0.9 or more"]
+        scores, shares = [score for k in some for score in known[k][1]], [points[k] for k in some]
+        right, sure = _right(scores), reliability(scores)["0.9 or more"]
         lines.append(
-            f"{way:5s} {half:2s} points {mean:.3f} lowest {low:.2f} right {np.mean(right):.3f} "
+            f"{way:5s} {half:2s} points {np.mean(shares):.3f} lowest {min(shares):.2f} right {np.mean(right):.3f} "
             f"({sum(right)} of {len(right)}) 0.9 or more: {sure['right']:.0f} of {sure['lanes']:.0f} right, "
             f"{sure['of right lanes']:.2f} of the right"
         )
     return "\n".join(lines)
+
+
+def _right(scores: Sequence[StillScore]) -> list[bool]:
+    return [score.right for score in scores if score.right is not None]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from benchmark import estimates, evaluation, own_finder, systems
+from benchmark import estimates, evaluation, systems
 from benchmark.errors import frame_errors, normalize_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
@@ -59,13 +59,14 @@ def run_benchmark(
     prepare = partial(_render_and_prepare, estimated_pose=estimated_pose, markings=markings)
     prepared = run_all(prepare, drives, workers=workers, progress=report("scenes"))
     tasks = [(drive, system) for drive in prepared for system in systems]
-    estimate = partial(_estimate, folder=folder, workers=workers)
+    estimate = partial(cached_estimates, folder=folder, workers=workers)
     paths = run_all(estimate, tasks, workers=workers, progress=report("benchmark"))
     return [_result(drive, system, path) for (drive, system), path in zip(tasks, paths, strict=True)]
 
 
-def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers: int) -> Path:
+def cached_estimates(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) -> Path:
     """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
+    prepared, system = task
     label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
     path = folder / f"{prepared.drive.label}-{label}-{_cache_key(prepared, system)}.npz"
     if not path.is_file():
@@ -78,10 +79,6 @@ def cached_estimates(prepared: PreparedDrive, system: str, folder: Path, workers
 def _render_and_prepare(drive: BenchmarkDrive, **options: Any) -> PreparedDrive:
     # One process renders a scene: the scenes are already spread over the workers.
     return prepare_drive(ensure_video(drive, workers=1), **options)
-
-
-def _estimate(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) -> Path:
-    return cached_estimates(*task, folder, workers)
 
 
 def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
@@ -98,7 +95,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Digits that depend on everything that the estimates depend on."""
-    modules = (estimates, evaluation, own_finder, systems, frames, container, reader)
+    modules = (estimates, evaluation, systems, frames, container, reader)
     sources = (Path(inspect.getfile(module)) for module in modules)
     files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
     conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.bootstrap import frame_clusters, mean_interval, share_interval
-from benchmark.errors import FrameErrors, NormalizedErrors, recovery_lengths
+from benchmark.errors import FrameErrors, NormalizedErrors, joined, recovery_lengths
 from benchmark.estimates import AHEAD_M
 
 # Distances ahead, each with its own columns in the table.
@@ -47,7 +47,7 @@ def by_difficulty(results: Iterable[Result]) -> dict[tuple[str, str], list[Resul
 
 
 def score_rows(results: Iterable[Result]) -> list[Row]:
-    """A row for each scene and system: names and conditions, then the numbers of `score` and of `_compare`."""
+    """A row for each scene and system: names and conditions, then the numbers of `score`, and a comparison."""
     return _compared_rows([(result.scene, [result]) for result in results])
 
 
@@ -63,7 +63,10 @@ def total_name(difficulty: str) -> str:
 
 
 def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
-    """Rows of named results; rows of the same name are compared with each other."""
+    """Rows of named results, with the 95 % interval of the accuracy, and the mark of the best ones of the same name.
+
+    The mark is 1 or 0 (see `among_best`); NaN without another system.
+    """
     compared: dict[tuple[str, int], list[Sequence[Result]]] = {}
     seen: Counter[tuple[str, str]] = Counter()
     for name, group in groups:
@@ -71,24 +74,13 @@ def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
         # two videos may have the same name
         compared.setdefault((name, seen[key]), []).append(group)
         seen[key] += 1
-    return [
-        row | comparison
-        for (name, _), same in compared.items()
-        for row, comparison in zip([_row(name, group) for group in same], _compare(same), strict=True)
-    ]
-
-
-def _compare(systems: Sequence[Sequence[Result]]) -> list[dict[str, float]]:
-    """Comparison of systems on the same scenes: 95 % interval of the accuracy, and the mark of the best ones.
-
-    The mark is 1 or 0 (see `among_best`); NaN without another system.
-    """
-    marks = [float(mark) for mark in among_best(systems)] if len(systems) > 1 else [float("nan")]
-    intervals = [accuracy_interval(group) for group in systems]
-    return [
-        {"accuracy_low": low, "accuracy_high": high, "among_best": mark}
-        for (low, high), mark in zip(intervals, marks, strict=True)
-    ]
+    rows = []
+    for (name, _), systems in compared.items():
+        marks = [float(mark) for mark in among_best(systems)] if len(systems) > 1 else [float("nan")]
+        for group, mark in zip(systems, marks, strict=True):
+            low, high = accuracy_interval(group)
+            rows.append(_row(name, group) | {"accuracy_low": low, "accuracy_high": high, "among_best": mark})
+    return rows
 
 
 def accuracy_interval(group: Sequence[Result]) -> tuple[float, float]:
@@ -114,13 +106,11 @@ def _successes(group: Sequence[Result]) -> tuple[np.ndarray, np.ndarray]:
 
     A success is a correct frame; if no frame has a true lane, one that is not confident and wrong.
     """
-    drives = [result.errors for result in group]
-    clusters = frame_clusters([len(drive.exists) for drive in drives], [result.fps for result in group])
-    exists, correct, wrong = (
-        np.concatenate([getattr(drive, name) for drive in drives])
-        for name in ("exists", "correct", "confident_and_wrong")
-    )
-    return (correct[exists], clusters[exists]) if exists.any() else (~wrong, clusters)
+    every = joined([result.errors for result in group])
+    clusters = frame_clusters([len(result.errors.exists) for result in group], [result.fps for result in group])
+    if not every.exists.any():
+        return ~every.confident_and_wrong, clusters
+    return every.correct[every.exists], clusters[every.exists]
 
 
 def _row(name: str, group: Sequence[Result]) -> Row:
@@ -143,30 +133,24 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     `*_median` and `*_p95` are over the frames with an available lane. `recovery_*` are lengths of losses, 0 without a
     loss.
     """
-    exists = _joined([drive.exists for drive in drives])
-    available = _joined([drive.available for drive in drives])
-    correct = _joined([drive.correct for drive in drives])
-    lateral = _joined([drive.lateral_m for drive in drives])
+    every = joined(drives)
     losses = [length for drive in drives for length in recovery_lengths(drive.correct[drive.exists])]
-    measured = {f"lateral_{x:.0f}m": lateral[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
-    measured["lateral_5_20m"] = _joined([drive.near_rms_m for drive in drives])
+    measured = {f"lateral_{x:.0f}m": every.lateral_m[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
+    measured["lateral_5_20m"] = every.near_rms_m
     units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
-    measured |= {
-        name: _joined([getattr(d, f"{name}_{units[name]}") for d in drives]) for name in units.keys() - measured
-    }
     row = {
-        "frames": float(len(exists)),
-        "lane_frames": float(exists.sum()),
-        "available_share": _share(available[exists]),
-        "accuracy": _share(correct[exists]),
-        "confident_and_wrong_share": _share(_joined([drive.confident_and_wrong for drive in drives])),
+        "frames": float(len(every.exists)),
+        "lane_frames": float(every.exists.sum()),
+        "available_share": _share(every.available[every.exists]),
+        "accuracy": _share(every.correct[every.exists]),
+        "confident_and_wrong_share": _share(every.confident_and_wrong),
     }
     for name, unit in units.items():
-        row[f"{name}_median_{unit}"] = percentile(measured[name], 50)
-        row[f"{name}_p95_{unit}"] = percentile(measured[name], 95)
+        values = measured[name] if name in measured else getattr(every, f"{name}_{unit}")
+        row[f"{name}_median_{unit}"], row[f"{name}_p95_{unit}"] = (percentile(values, at) for at in (50, 95))
     row["recovery_median_frames"] = percentile(np.array(losses or [0], float), 50)
     row["recovery_longest_frames"] = float(max(losses, default=0))
-    row["time_median_ms"] = percentile(_joined([drive.time_ms for drive in drives]), 50)
+    row["time_median_ms"] = percentile(every.time_ms, 50)
     return row
 
 
@@ -178,7 +162,3 @@ def percentile(values: np.ndarray, percent: float) -> float:
 
 def _share(flags: np.ndarray) -> float:
     return float(flags.mean()) if len(flags) else float("nan")
-
-
-def _joined(arrays: Sequence[np.ndarray]) -> np.ndarray:
-    return np.concatenate(arrays)

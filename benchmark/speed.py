@@ -15,7 +15,7 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -91,8 +91,8 @@ def time_frames(frames: Sequence[np.ndarray], camera: Camera, *, rounds: int = 3
     systems: dict[str, Callable[[], Process]] = {
         TRACKING: lambda: track_lane(LaneTracker(camera)),
         COLD: lambda: _start_cold(camera),
+        **{name: partial(_start_recipe, name, camera) for name in RECIPES},
     }
-    systems |= {name: partial(_start_recipe, name, camera) for name in RECIPES}
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
     with opencv_threads(1):
         for _ in range(rounds):
@@ -144,11 +144,8 @@ def time_files(source: Path, camera: Camera, *, rounds: int = 5) -> dict[str, Fi
     info = inspect_video(source)
     with TemporaryDirectory() as folder:
         target = Path(folder, "out.mp4")
-
-        def process(function: Callable, **options: Any) -> None:
-            process_video(source, target, function, progress=False, **options)
-
-        processings = {
+        process = partial(process_video, source, target, progress=False)
+        processings: dict[str, Callable[[], object]] = {
             TRANSCODED: lambda: transcode(source, target),
             "through RGB": lambda: process(lambda frame: frame),
             "annotated": lambda: process(
@@ -161,7 +158,7 @@ def time_files(source: Path, camera: Camera, *, rounds: int = 5) -> dict[str, Fi
     return {name: FileTime(*some) for name, some in zip(processings, numbers, strict=True)}
 
 
-def _time_run(run: Callable[[], None]) -> tuple[float, float]:
+def _time_run(run: Callable[[], object]) -> tuple[float, float]:
     """Wall and CPU seconds."""
     wall_s, cpu_s = time.perf_counter(), time.process_time()
     with opencv_threads(1):  # as in `python -m lanes annotate`

@@ -10,14 +10,14 @@ detector has none: it is what the tracker does in a single picture.
 
 from __future__ import annotations
 
+import importlib.util
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
-from benchmark.own_finder import Lines, OwnFinder, estimate_from_lines, finder_file, is_own_finder, load_finder
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
 from lanes import camera, detect, stills, tracking
 from lanes.camera import Camera
@@ -38,6 +38,11 @@ _HELPERS = Path(inspect.getfile(LaneFinder))
 _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200.0, 400)
+
+
+Lines = Sequence[Sequence[float]]
+OwnFinder = Callable[[np.ndarray, Camera], Lines | None]
+ColumnDetector = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 def source_files(system: str) -> tuple[Path, ...]:
@@ -77,23 +82,16 @@ def start_system(
     return lambda image, _=None: finder.follow(image), recipe_estimate
 
 
-def column_detector(system: str, camera: Camera) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """A system that detects the lines of single pictures, without memory.
+def column_detector(system: str, camera: Camera) -> ColumnDetector:
+    """A recipe, or a finder of one's own, that detects the lines of single pictures, without memory.
 
     It is a function of a picture and rows (R,), and returns the columns (2, R) of the left and right line in the raw
     picture, -2 where a line does not pass, as in TuSimple's files. Raises ValueError if the system is unknown.
     """
+    require_system(system)
     if is_own_finder(system):
         find = load_finder(system)
         return lambda image, rows: own_columns(find(image, camera), camera, rows)
-    require_system(system)
-    if system in (TRACKER, DETECTOR):
-
-        def detect(image: np.ndarray, rows: np.ndarray) -> np.ndarray:
-            lane = find_lane(image, camera)
-            return np.full((2, len(rows)), -2.0) if lane is None else lane.columns(camera, rows)
-
-        return detect
     finder = _start_recipe(system, camera)
     return lambda image, rows: recipe_columns(finder.find(image), camera, rows)
 
@@ -116,41 +114,39 @@ def require_system(name: str) -> None:
 def lane_estimate(lane: Lane | None) -> LaneEstimate:
     """The estimate of the tracker or the detector for a frame."""
     if lane is None:
-        return LaneEstimate()
-    return LaneEstimate(
-        line_points(lane.model, SIDES, ALONG_M),
-        lane.offset_m,
-        lane.heading_rad,
-        lane.curvature_per_m,
-        lane.confidence,
-        lane.width_m,
-        lane_covariance(lane),
-        lane.lateral_m(AHEAD_M),
-        lane.lateral_std_m(AHEAD_M),
-    )
+        return {}
+    names = ("offset_m", "heading_rad", "curvature_per_m", "confidence", "width_m")
+    return {name: getattr(lane, name) for name in names} | {
+        "lines_m": line_points(lane.model, SIDES, ALONG_M),
+        "covariance": lane_covariance(lane),
+        "lines_y_m": lane.lateral_m(AHEAD_M),
+        "lines_std_m": lane.lateral_std_m(AHEAD_M),
+    }
 
 
 def lane_covariance(lane: Lane) -> np.ndarray:
     """Covariance (4, 4) of the errors of offset, heading, curvature and width."""
-    stated = [CENTRE, HEADING, CURVATURE, WIDTH]
-    signs = np.array([-1.0, 1.0, 1.0, 1.0])  # the offset is that of the car from the centre
+    stated, signs = [CENTRE, HEADING, CURVATURE, WIDTH], [-1, 1, 1, 1]  # the offset is that of the car from the centre
     return lane.covariance[np.ix_(stated, stated)] * np.outer(signs, signs)
 
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
     """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
-    left, right, lines = result.left_road, result.right_road, result.lateral_m(ALONG_M)
-    if left is None or right is None or lines is None:
-        return LaneEstimate()
-    heading = np.arctan((left.c1 + right.c1) / 2)
-    return LaneEstimate(road_points(ALONG_M, lines), result.offset_m, float(heading), result.curvature_per_m)
+    left, right, lines_m = result.left_road, result.right_road, result.lateral_m(ALONG_M)
+    if left is None or right is None or lines_m is None:
+        return {}
+    return {
+        "lines_m": road_points(ALONG_M, lines_m),
+        "offset_m": result.offset_m,
+        "heading_rad": np.arctan((left.c1 + right.c1) / 2),
+        "curvature_per_m": result.curvature_per_m,
+    }
 
 
 def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
     """Columns (2, R) of the lines of an own finder at rows of the raw picture."""
-    if lines is None:
-        return np.full((2, len(rows)), -2.0)
-    return project_lines(np.array([np.polyval(line, PROJECTED_AT_M) for line in lines]), camera, rows)
+    lateral_m = [None if lines is None else np.polyval(lines[side], PROJECTED_AT_M) for side in (0, 1)]
+    return project_lines(lateral_m, camera, rows)
 
 
 def project_lines(
@@ -178,11 +174,65 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
 
     The lines in metres are projected into the picture, because the view ends above the bonnet and the lines do not.
     """
-    lateral_m = [
-        None if line is None else np.asarray(line.lateral_m(PROJECTED_AT_M))
-        for line in (result.left_road, result.right_road)
-    ]
+    lines = result.left_road, result.right_road
+    lateral_m = [None if line is None else np.asarray(line.lateral_m(PROJECTED_AT_M)) for line in lines]
     left_row, right_row = (
         np.inf if points is None else np.nanmin(camera.distort_points(points)[:, 1]) - 1 for points in result.lines_px
     )
     return project_lines(lateral_m, camera, rows, top_rows=(left_row, right_row))
+
+
+def is_own_finder(system: str) -> bool:
+    """Whether the name of a system has the form "file.py:function"."""
+    return ".py:" in system
+
+
+def finder_file(system: str) -> Path:
+    """The file of a system "file.py:function"."""
+    return Path(system.rpartition(":")[0])
+
+
+def load_finder(system: str) -> OwnFinder:
+    """The function of a system "file.py:function", from the file as it is now; each call executes the file.
+
+    Raises
+    ------
+    ValueError
+        If the file does not exist, cannot be executed, or has no such function.
+    """
+    file, name = finder_file(system), system.rpartition(":")[2]
+    if not file.is_file():
+        raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None:
+        raise ValueError(f"{file}: is not a Python file; name your finder as file.py:function.")
+    module = importlib.util.module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except Exception as error:
+        raise ValueError(f"{file}: cannot be executed ({type(error).__name__}: {error}); correct it.") from error
+    if not callable(getattr(module, name, None)):
+        raise ValueError(f"{file}: has no function {name!r}; name your finder as file.py:function.")
+    return getattr(module, name)
+
+
+def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
+    """The estimate of a finder that returns the coefficients of two lines; no lane for None.
+
+    Raises
+    ------
+    ValueError
+        If there are not two lines.
+    """
+    if lines is None:
+        return {}
+    if len(lines) != 2:
+        raise ValueError(f"a finder returns two lines or None, but this one returned {len(lines)}.")
+    shapes = [np.poly1d(line) for line in lines]
+    slope, bend = (np.mean([shape.deriv(order)(0.0) for shape in shapes]) for order in (1, 2))
+    return {
+        "lines_m": road_points(ALONG_M, np.array([shape(ALONG_M) for shape in shapes])),
+        "offset_m": -np.mean([shape(0.0) for shape in shapes]),
+        "heading_rad": np.arctan(slope),
+        "curvature_per_m": bend / (1 + slope**2) ** 1.5,
+    }

@@ -41,6 +41,7 @@ PAGES = {
     ".pre-commit-config.yaml": "",
 }
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
+CHAPTER = "chapter_{:02d}"
 CODE_BLOCK = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 
 
@@ -51,7 +52,7 @@ def rewrite_links(text: str, page: str) -> str:
     def rewrite(link: re.Match) -> str:
         label, target = link.groups()
         if chapter := re.match(r"#(\d+)\.-", target):
-            return f"[{label}]({chapter_name(int(chapter[1]))}.ipynb)"
+            return f"[{label}]({CHAPTER.format(int(chapter[1]))}.ipynb)"
         path, hash_sign, heading = target.partition("#")
         name = normpath(join(dirname(page), path))
         if module := re.fullmatch(r"(lanes/.+)\.py", name):
@@ -76,11 +77,6 @@ def write(name: str, text: str) -> None:
     path.write_text(text, encoding="utf-8")
 
 
-def chapter_name(number: int) -> str:
-    """Name of the page of a chapter."""
-    return f"chapter_{number:02d}"
-
-
 def to_myst(text: str) -> str:
     """Markdown of a cell for MyST: formulas work in folded answers, and links point to pages."""
     text = re.sub(r"</summary>\s*", "</summary>\n\n", text)
@@ -96,7 +92,7 @@ def write_course() -> None:
         if cell["cell_type"] == "markdown":
             cell["source"] = to_myst("".join(cell["source"]))
             if title := re.match(r"## (\d+)\.", cell["source"]):
-                name, cell["source"] = chapter_name(int(title[1])), cell["source"].removeprefix("#")
+                name, cell["source"] = CHAPTER.format(int(title[1])), cell["source"].removeprefix("#")
         pages.setdefault(name, []).append(cell)
     contents = toctree(list(pages)[1:], ":hidden:")
     pages["course"].append({"cell_type": "markdown", "id": "contents", "metadata": {}, "source": contents})
@@ -120,25 +116,17 @@ def write_pages() -> None:
     run_apidoc(["-q", "--separate", "--module-first", "--no-toc", "-o", str(SOURCE / "api"), str(ROOT / "lanes")])
 
 
-def copy(path: Path, folder: Path) -> None:
-    """Copy a file of the project to the same place below a folder."""
-    target = folder / path.relative_to(ROOT)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copy(path, target)
-
-
 def main() -> int:
     """Build the site from new sources; returns Sphinx's exit status, which is 1 after a warning."""
     for folder in (SOURCE, STATIC, EXTRA, SITE):
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+    shutil.copytree(ROOT / "docs", SOURCE / "docs", ignore=shutil.ignore_patterns("*.md"))
+    # pages show pictures, and link to videos
+    for folder, left_out in ((SOURCE, "*.mp4"), (EXTRA, "*.jpg")):
+        shutil.copytree(ROOT / "output_images", folder / "output_images", ignore=shutil.ignore_patterns(left_out))
     write_course()
     write_pages()
-    for picture in (*ROOT.glob("output_images/*.jpg"), *ROOT.glob("docs/**/*.*")):
-        if picture.suffix != ".md":
-            copy(picture, SOURCE)
-    for video in ROOT.glob("output_images/*.mp4"):
-        copy(video, EXTRA)
+    STATIC.mkdir(parents=True)
     shutil.copy(ROOT / "book" / "book.css", STATIC)
     shutil.copy(str(files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg.js"), STATIC)
     options = ["-b", "html", "-c", str(ROOT / "book"), "-d", str(BUILD / "doctrees"), "-q", "-W", "--keep-going"]

@@ -7,20 +7,21 @@ compute nor show.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from benchmark.reporting.figures import TRUTH_LOOK
 from helpers import FourPointWarp, birdseye_to_road
 from lanes.camera import Camera
 from lanes.canvas import WINDOW_COLOUR
+from lanes.detect.birdseye import BirdsEyeView
 from lanes.figures import draw_on_road_grid, new_figure, rgb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+TRUTH_LOOK: dict[str, Any] = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
 # Above the axes, where a legend hides no curve.
 LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 
@@ -46,16 +47,6 @@ def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
     return RoadAxes(x_m[:, 0], y_m[:, 1])
 
 
-class RoadGrid(Protocol):
-    """Distance ahead of each row, farthest first, and lateral position of each column, left first; metres."""
-
-    @property
-    def x_m(self) -> np.ndarray: ...
-
-    @property
-    def y_m(self) -> np.ndarray: ...
-
-
 def show_pictures(
     images: Sequence[np.ndarray], titles: Sequence[str], *, columns: int = 2, width_in: float = 12.0
 ) -> tuple[Figure, np.ndarray]:
@@ -78,23 +69,17 @@ def show_pictures(
     """
     if not len(images) or len(images) != len(titles):
         raise ValueError(f"one title for each image is needed; got {len(images)} images and {len(titles)} titles.")
-    columns = min(columns, len(images))
-    rows = -(-len(images) // columns)
-    row_in = max(image.shape[0] / image.shape[1] for image in images) * width_in / columns + 0.35
-    figure, axes = new_figure(rows, columns, (width_in, rows * row_in))
-    for axis in axes[len(images) :]:
-        axis.remove()
-    for axis, image, title in zip(axes, images, titles, strict=False):
+    figure, axes = _panels(titles, columns, width_in, max(len(image) / image.shape[1] for image in images), 0.35)
+    for axis, image in zip(axes, images, strict=True):
         axis.imshow(image, cmap="gray", **_gray_limits(image))
-        axis.set_title(title)
         axis.set_axis_off()
-    return figure, axes[: len(images)]
+    return figure, axes
 
 
 def show_birdseye(
     images: Sequence[np.ndarray],
     titles: Sequence[str],
-    grid: RoadGrid,
+    grid: RoadAxes | BirdsEyeView,
     *,
     columns: int = 2,
     width_in: float = 12.0,
@@ -108,18 +93,29 @@ def show_birdseye(
         RGB (rows, columns, 3), or values (rows, columns), of the grid.
     titles : sequence of str
         One for each image.
-    grid : RoadGrid
-        For example a `BirdsEyeView`.
+    grid : RoadAxes or BirdsEyeView
+        Distances of the rows, farthest first, and lateral positions of the columns, left first; metres.
     **look
         Options of matplotlib's `imshow`, for example cmap, vmin and vmax.
     """
-    columns = min(columns, len(images))
-    rows = -(-len(images) // columns)
-    figure, axes = new_figure(rows, columns, (width_in, rows * (0.6 * width_in / columns + 0.6)))
-    for axis, image, title in zip(axes, images, titles, strict=True):
+    figure, axes = _panels(titles, columns, width_in, 0.6, 0.6)
+    for axis, image in zip(axes, images, strict=True):
         draw_on_road_grid(axis, image, grid.x_m, grid.y_m, **look)
-        axis.set_title(title)
     return figure, axes
+
+
+def _panels(
+    titles: Sequence[str], columns: int, width_in: float, aspect: float, extra_in: float
+) -> tuple[Figure, np.ndarray]:
+    """Axes with titles in rows of `columns`; a row is `aspect` times as high as wide, and the text above and below."""
+    columns = min(columns, len(titles))
+    rows = -(-len(titles) // columns)
+    figure, axes = new_figure(rows, columns, (width_in, rows * (aspect * width_in / columns + extra_in)))
+    for axis in axes[len(titles) :]:
+        axis.remove()
+    for axis, title in zip(axes, titles, strict=False):
+        axis.set_title(title)
+    return figure, axes[: len(titles)]
 
 
 def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tuple[Figure, Axes]:

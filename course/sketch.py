@@ -20,35 +20,8 @@ TEXT_PT, FORMULA_PT, LENGTH = 16, 23, "<|-|>"
 
 
 def sketch(name: str) -> tuple[Figure, np.ndarray]:
-    """Plot a sketch of the geometry with its formula, 960 pixels wide.
-
-    Parameters
-    ----------
-    name : {"pinhole", "homography", "ray", "grid", "conventions"}
-        Similar triangles of a camera; division by the depth; the ray of a pixel meets the road; cells of a grid on the
-        road and their pixels; signs of offset, curvature, heading, yaw, pitch and roll.
-
-    Returns
-    -------
-    figure, axes : Figure, ndarray of Axes
-        12 inches wide at 80 dots per inch; one axes for each panel.
-
-    Raises
-    ------
-    ValueError
-        If there is no sketch of this name.
-    """
-    # function that plots the panels, their widths, height of the figure in inches
-    sketches: dict[str, tuple[Callable[..., None], list[float], float]] = {
-        "pinhole": (_sketch_pinhole, [1], 5.2),
-        "homography": (_sketch_homography, [1.35, 1], 4.8),
-        "ray": (_sketch_ray, [1], 4.6),
-        "grid": (_sketch_grid, [2, 3], 5.2),
-        "conventions": (_sketch_conventions, [6, 9, 9], 5.2),
-    }
-    if name not in sketches:
-        raise ValueError(f"there is no sketch {name!r}; choose one of {', '.join(sketches)}.")
-    plot, widths, height_in = sketches[name]
+    """Plot one of `SKETCHES`, 12 inches wide at 80 dots per inch; returns its figure, and the axes of its panels."""
+    plot, widths, height_in = SKETCHES[name]
     place = {"width_ratios": widths, "left": 0, "right": 1, "bottom": 0, "top": 1, "wspace": 0}
     look = {"aspect": "equal", "frame_on": False, "xticks": [], "yticks": []}
     figure, axes = new_figure(1, len(widths), (12, height_in), layout="none", gridspec_kw=place, subplot_kw=look)
@@ -228,3 +201,13 @@ def _draw_camera(axis: Axes, at: Point, angle_deg: float) -> None:
     outline = np.array([3j, -3 + 1j, -3 + 3j, -11 + 3j, -11 - 3j, -3 - 3j, -3 - 1j, -3j])
     outline *= np.exp(1j * np.radians(angle_deg))
     axis.plot(*at, marker=np.column_stack([outline.real, outline.imag]), color=INK, markersize=70, zorder=3)
+
+
+# Function that plots the panels, their widths, height of the figure in inches.
+SKETCHES: dict[str, tuple[Callable[..., None], list[float], float]] = {
+    "pinhole": (_sketch_pinhole, [1], 5.2),
+    "homography": (_sketch_homography, [1.35, 1], 4.8),
+    "ray": (_sketch_ray, [1], 4.6),
+    "grid": (_sketch_grid, [2, 3], 5.2),
+    "conventions": (_sketch_conventions, [6, 9, 9], 5.2),
+}

@@ -3,9 +3,9 @@
     python -m tools.budgets [SECONDS]
 
 Lines of Python of each package, Python files and named numbers of `lanes`, words of the Markdown pages, and words of
-the notebook's text. SECONDS is how long the tests took: too long is shown, but no failure, because it depends on the
-machine. A named number is a constant of a module, or a default of a
-class, that is a number or a tuple of numbers. Files that git does not track do not count.
+the notebook's text, of files that git tracks. SECONDS is how long the tests took: too long is shown, but no failure,
+because it depends on the machine. A named number is a constant of a module, or a default of a class, that is a number
+or a tuple of numbers.
 """
 
 from __future__ import annotations
@@ -65,11 +65,8 @@ def _notebook_words(text: str) -> int:
 def compare_sizes(sizes: dict[str, int], budgets: dict[str, int]) -> tuple[list[str], list[str]]:
     """A line for each budget, and the names of those that are exceeded."""
     above = [name for name, budget in budgets.items() if sizes[name] > budget]
-    lines = [
-        f"{name:24}{sizes[name]:8} of {budget:6}{'  ABOVE' if name in above else ''}"
-        for name, budget in budgets.items()
-    ]
-    return lines, above
+    marks = {name: "  ABOVE" if name in above else "" for name in budgets}
+    return [f"{name:24}{sizes[name]:8} of {budgets[name]:6}{mark}" for name, mark in marks.items()], above
 
 
 def _tracked_files() -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ import numpy as np
 from PIL import Image
 
 from benchmark.scored_drive import PROJECT_ROOT
-from course.sketch import sketch
+from course.sketch import SKETCHES, sketch
 from lanes.camera import Camera, load_camera
 from lanes.explanation import explain
 from lanes.figures import save_figure, show_explanation
@@ -34,8 +34,6 @@ PICTURES = PROJECT_ROOT / "docs" / "pictures"
 SIZE_PX, QUALITY = (640, 360), 55
 # Every second frame of 25 a second shows the motion and keeps the file small.
 STEP = 2
-# Sketches of the geometry in the course.
-SKETCHES = ("pinhole", "homography", "ray", "grid", "conventions")
 # Image -> still and error of its camera pitch, degrees.
 STILLS = {"good": ("test4", 0.0), "wrong_pose": ("test6", -3.0)}
 # Image -> scene and time of the frame, seconds.

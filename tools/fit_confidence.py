@@ -63,11 +63,6 @@ class Sample:
     features: dict[str, float]
     right: bool
 
-    @classmethod
-    def of(cls, lane: Lane, source: str, group: str, right: object) -> Sample:
-        """The sample of a lane."""
-        return cls(source, group, lane.features, bool(right))
-
 
 def draw_road(rng: np.random.Generator) -> tuple[RoadGeometry, float]:
     """A random road and its speed: motorway, country road or mountain road."""
@@ -186,14 +181,14 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, group: str) -> list[Sampl
     """Samples of the lanes in the frames of a truth."""
     estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in lanes], [0.0] * len(lanes))
     right = (frame_errors(estimates, truth).full_rms_m <= CORRECT_WITHIN_M) & truth.exists
-    return [Sample.of(lane, PAINTED, group, one) for lane, one in zip(lanes, right, strict=True) if lane]
+    return [Sample(PAINTED, group, lane.features, bool(one)) for lane, one in zip(lanes, right, strict=True) if lane]
 
 
 def samples_of_roads(task: tuple[RoadSet, str]) -> list[Sample]:
     """Samples of a labelled set of real roads, in one of the ways to look at it."""
     scored = score_set(task, TrackerSettings())
     return [
-        Sample.of(one.lane, REAL, task[0].name, one.score.right)
+        Sample(REAL, task[0].name, one.lane.features, one.score.right)
         for one in scored
         if one.lane and one.score.right is not None
     ]
@@ -205,32 +200,28 @@ def samples_of_no_road(kind: str) -> list[Sample]:
     for seed in range(NO_ROADS):
         image = not_a_road(kind, seed)
         lanes += [find_with_own_pose(image)[1], find_lane(image, CAMERA.scaled(image.shape[1::-1]))]
-    return [Sample.of(lane, NO_ROAD, kind, False) for lane in lanes if lane]
+    return [Sample(NO_ROAD, kind, lane.features, False) for lane in lanes if lane]
 
 
 def samples_of_photos(number: int) -> list[Sample]:
     """Samples of photos of a flat scene, whose camera pose is estimated from the same image."""
     rng, scene, samples = np.random.default_rng([7, number]), flat_scenes()[number], []
     for _ in range(PHOTOS):
-        photo = take_photo(scene, rng)
-        camera, lane = find_with_own_pose(photo.frame.image)
+        image, label = take_photo(scene, rng)
+        camera, lane = find_with_own_pose(image)
         if camera and lane:
-            samples.append(Sample.of(lane, PHOTO, f"photo {number}", right_in_picture(lane, camera, photo.label)))
+            samples.append(Sample(PHOTO, f"photo {number}", lane.features, right_in_picture(lane, camera, label)))
     return samples
 
 
 def samples_of_painted_roads(markings: Markings | None = None, *, workers: int = 1) -> list[Sample]:
     """Samples of painted drives with the right pose, and with a wrong one."""
     camera = CAMERA.scaled((640, 360))
-    drives = (
-        run_all(
-            partial(samples_of_painted_drive, camera=camera, pose_is_wrong=wrong, markings=markings),
-            seeds,
-            workers=workers,
-        )
-        for wrong, seeds in ((False, RIGHT_POSES), (True, WRONG_POSES))
-    )
-    return [sample for some in drives for parts in some for part in parts for sample in part]
+    samples = []
+    for wrong, seeds in ((False, RIGHT_POSES), (True, WRONG_POSES)):
+        of_drive = partial(samples_of_painted_drive, camera=camera, pose_is_wrong=wrong, markings=markings)
+        samples += [one for parts in run_all(of_drive, seeds, workers=workers) for part in parts for one in part]
+    return samples
 
 
 def collect_samples(folder: Path, *, workers: int) -> list[Sample]:
@@ -296,17 +287,13 @@ def left_out(table: Table, fixed: dict[int, float] | None = None) -> np.ndarray:
     return probability
 
 
-def fit_shift(log_odds: np.ndarray, correct: np.ndarray, weight: np.ndarray) -> float:
-    """The number that, added to the log odds (lanes,), makes the mean probability the share of correct lanes.
+def fit_shift(log_odds: np.ndarray, right: np.ndarray, weight: np.ndarray) -> float:
+    """The number that, added to the log odds (N,), makes the mean probability the share of right lanes.
 
     Both are weighted; this is the logistic regression with one constant. Limited to 6 in either direction.
     """
-    low, high = -6.0, 6.0
-    for _ in range(40):
-        shift = (low + high) / 2
-        excess = weight @ (logistic(log_odds + shift) - correct)
-        low, high = (low, shift) if excess > 0 else (shift, high)
-    return shift
+    features = np.column_stack([np.ones(len(log_odds)), log_odds])
+    return float(np.clip(fit_logistic(features, right, weight / weight.mean(), {1: 1.0})[0], -6, 6))
 
 
 def logistic(log_odds: np.ndarray) -> np.ndarray:
@@ -338,21 +325,30 @@ def main() -> None:
     parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    present = np.array([*WEIGHTS.values()])
     if options.markings:
-        samples = samples_of_painted_roads(load_markings(options.markings))
-        if not any(one.right for one in samples):
-            raise SystemExit(f"{options.markings}: no lane found with this network is right; check its YAML file.")
-        table = Table.of(samples)
-        log_odds = table.features @ present
-        shift = fit_shift(log_odds, table.right, table.weight)
-        print_calibration(f"{options.markings}, without a shift", logistic(log_odds), table.right, table.group)
-        print_calibration(f"{options.markings}, with the shift", logistic(log_odds + shift), table.right, table.group)
-        print(f"confidence_shift: {shift:.2f}")
-        return
-    table = Table.of(collect_samples(options.folder, workers=options.workers))
+        print_shift(options.markings)
+    else:
+        print_weights(Table.of(collect_samples(options.folder, workers=options.workers)))
+
+
+def print_shift(model: str) -> None:
+    """Fit the constant of a network, and print it with the calibration."""
+    samples = samples_of_painted_roads(load_markings(model))
+    if not any(one.right for one in samples):
+        raise SystemExit(f"{model}: no lane found with this network is right; check its YAML file.")
+    table = Table.of(samples)
+    log_odds = table.features @ [*WEIGHTS.values()]
+    shift = fit_shift(log_odds, table.right, table.weight)
+    for name, added in (("without a shift", 0.0), ("with the shift", shift)):
+        print_calibration(f"{model}, {name}", logistic(log_odds + added), table.right, table.group)
+    print(f"confidence_shift: {shift:.2f}")
+
+
+def print_weights(table: Table) -> None:
+    """Fit the weights, and print them with the calibration of each source."""
     fixed = {[*WEIGHTS].index(name): value for name, value in FIXED.items()}
-    for name, confidence in (("present", logistic(table.features @ present)), ("left out", left_out(table, fixed))):
+    present = logistic(table.features @ [*WEIGHTS.values()])
+    for name, confidence in (("present", present), ("left out", left_out(table, fixed))):
         for source in SOURCE_WEIGHTS:
             of = table.source == source
             print_calibration(f"{source}, {name}", confidence[of], table.right[of], table.group[of])

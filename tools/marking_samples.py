@@ -141,7 +141,8 @@ def _of_scene(number: int, variety: Variety, rng: np.random.Generator) -> Sample
         return render_frame(replace(drive, markings=markings), time_s).image
 
     with_lines = picture_of(with_gaps(markings, drive.motion.pose(time_s).s_m, rng))
-    visible = label_cells(fine.warp(with_lines), fine.warp(picture_of(without_paint(markings))))
+    bare = picture_of(tuple(marking for marking in markings if max(marking.colour) < PAINT_FROM))
+    visible = label_cells(fine.warp(with_lines), fine.warp(bare))
     where = fine.warp(_mark_ground(drive, markings, time_s))
     lines, borders = (_strongest(where[..., k]) for k in (0, 1))
     labels = np.stack([connect_paint(visible, lines), borders.astype(np.uint8)])
@@ -261,11 +262,6 @@ def draw_markings(drive: Drive, variety: Variety, rng: np.random.Generator) -> t
         width_m = marking.width_m * rng.uniform(*variety.width)
         markings.append(replace(marking, wear=wear, width_m=width_m, botts=botts))
     return tuple(markings)
-
-
-def without_paint(markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
-    """The markings that are painted over or ground off."""
-    return tuple(marking for marking in markings if max(marking.colour) < PAINT_FROM)
 
 
 def draw_seams(

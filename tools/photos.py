@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -21,26 +21,17 @@ SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))
 
 
 def flat_scenes() -> list[str]:
-    """Scenes on a flat road, with or without a lane: the label of a `Photo` is right for no other."""
+    """Scenes on a flat road, with or without a lane: the label of a photo is right for no other."""
     return [name for name, scene in SUITE.items() if scene.drive().road.profile == FLAT]
 
 
-@dataclass(frozen=True, eq=False)
-class Photo:
-    """A rendered picture, the camera that took it, and the lane lines in it; `label` is for a width of 1280 px."""
-
-    frame: Frame
-    camera: Camera
-    label: LaneColumns
-
-
-def take_photo(scene: str, rng: np.random.Generator) -> Photo:
-    """A picture of a random moment of a scene, taken with a random camera."""
+def take_photo(scene: str, rng: np.random.Generator) -> tuple[np.ndarray, LaneColumns]:
+    """A picture of a random moment of a scene, taken with a random camera, and its lines for a width of 1280 px."""
     pose = CameraPose(rng.uniform(1.1, 2.1), *np.radians(rng.normal(0, [3.0, 2.0, 0.7])))
     camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
     drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
     frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
-    return Photo(frame, camera, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad))))
+    return frame.image, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad)))
 
 
 def enlarged(camera: Camera) -> Camera:

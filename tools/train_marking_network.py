@@ -117,8 +117,9 @@ def train(inputs: np.ndarray, labels: np.ndarray, *, epochs: int) -> MarkingNetw
             optimiser.step()
             schedule.step()
             total += loss.item()
-        loss_held_out = held_out_loss(network, inputs, labels, held_out)
-        print(f"epoch {epoch + 1}: loss {total / batches:.4f}, held out {loss_held_out:.4f}", flush=True)
+        with torch.no_grad():
+            others = [float(loss_of(network, inputs[[n]], labels[[n]])) for n in held_out]
+        print(f"epoch {epoch + 1}: loss {total / batches:.4f}, held out {np.mean(others):.4f}", flush=True)
     return network
 
 
@@ -131,12 +132,6 @@ def loss_of(network: MarkingNetwork, inputs: np.ndarray, labels: np.ndarray) -> 
     weight = torch.from_numpy(ROW_WEIGHT)[:, None] * (label != UNKNOWN)
     losses = nnf.binary_cross_entropy_with_logits(log_odds, (label == 1).float(), reduction="none")
     return (weight * losses).sum() / weight.sum()
-
-
-def held_out_loss(network: MarkingNetwork, inputs: np.ndarray, labels: np.ndarray, held_out: np.ndarray) -> float:
-    """Mean loss of the held-out pictures (N,)."""
-    with torch.no_grad():
-        return float(np.mean([loss_of(network, inputs[[n]], labels[[n]]) for n in held_out]))
 
 
 class PlainNetwork(nn.Module):

@@ -1,4 +1,4 @@
-"""Calibration of the confidence: how often are lanes with a high confidence right?
+"""Calibration of the confidence: how often are lanes with a high confidence right? A table and a diagram.
 
 A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confidence is the probability of that
 (`lanes.detect.confidence`).
@@ -6,18 +6,21 @@ A lane is correct here if both lines are within 0.2 m over 5 to 30 m: the confid
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from benchmark.bootstrap import frame_clusters, share_interval
-from benchmark.errors import CONFIDENT
+from benchmark.errors import CONFIDENT, joined
 from benchmark.reporting.tables import describe_interval
 from benchmark.scores import Result, by_difficulty
+from benchmark.systems import TRACKER
 from lanes.describe import format_table
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
+from lanes.figures import new_figure, save_figure
 
 # Steps of 0.1; the last one is halved, because most lanes are in it.
 BIN_EDGES = np.array([*np.arange(0, 0.95, 0.1), 0.95, 1.0])
@@ -29,17 +32,18 @@ interval, and which share of all correct lanes they are. Lanes with 0.5 to 0.9: 
 correct ones."""
 
 
-class Reliability(NamedTuple):
-    """Accuracy of the lanes in B bins of confidence; bins without lanes are left out.
+class Rate(NamedTuple):
+    """Some lanes: mean confidence, share of correct ones with its 95 % interval, and number; NaN without a lane."""
 
-    Mean confidence, share of correct lanes with its 95 % interval, and number of lanes in each bin.
-    """
+    stated: float
+    share: float
+    low: float
+    high: float
+    lanes: int
 
-    confidence: np.ndarray
-    accuracy: np.ndarray
-    low: np.ndarray
-    high: np.ndarray
-    counts: np.ndarray
+    def describe(self) -> str:
+        """The share and its interval, in percent."""
+        return f"{self.share:.1%} {describe_interval(self.low, self.high)}" if self.lanes else "-"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,52 +62,31 @@ class AvailableLanes:
     def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
         """From the results of one system on some drives."""
         results = list(results)
-        available, exists, full_rms_m, confidence = (
-            np.concatenate([getattr(result.errors, name) for result in results])
-            for name in ("available", "exists", "full_rms_m", "confidence")
-        )
-        correct = exists & (full_rms_m <= CORRECT_WITHIN_M)
+        every = joined([result.errors for result in results])
+        correct = every.exists & (every.full_rms_m <= CORRECT_WITHIN_M)
         clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
-        confidence = np.nan_to_num(confidence[available], nan=1.0)
-        return cls(confidence, correct[available], clusters[available])
+        confidence = np.nan_to_num(every.confidence, nan=1.0)
+        return cls(confidence[every.available], correct[every.available], clusters[every.available])
 
-    def reliability(self) -> Reliability:
-        """The reliability diagram: accuracy against confidence."""
-        bins = len(BIN_EDGES) - 1
-        index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right") - 1, 0, bins - 1)
-        members = [index == k for k in range(bins) if (index == k).any()]
-        rates = [_rate(self.correct[some], self.clusters[some]) for some in members]
-        return Reliability(
-            np.array([self.confidence[some].mean() for some in members]),
-            *(np.array([getattr(rate, name) for rate in rates]) for name in ("share", "low", "high", "lanes")),
-        )
+    def rate(self, some: np.ndarray) -> Rate:
+        """The rate of correct ones among some of the lanes, (M,) bool."""
+        stated, share = (float(of[some].mean()) if some.any() else np.nan for of in (self.confidence, self.correct))
+        return Rate(stated, share, *share_interval(self.correct[some], self.clusters[some]), int(some.sum()))
+
+    def reliability(self) -> list[Rate]:
+        """The reliability diagram: the rates in bins of confidence; bins without lanes are left out."""
+        index = np.clip(np.searchsorted(BIN_EDGES, self.confidence, side="right"), 1, len(BIN_EDGES) - 1)
+        return [self.rate(index == k) for k in np.unique(index)]
 
     def summary_cells(self) -> list[str]:
         """How often confident and likely lanes are correct, as the cells of a row below `SUMMARY_COLUMNS`."""
         confident = self.confidence >= CONFIDENT
-        likely = ~confident & (self.confidence >= LIKELY_CONFIDENCE)
-        of_confident, of_likely = (_rate(self.correct[some], self.clusters[some]) for some in (confident, likely))
-        of_correct = _rate(confident[self.correct], self.clusters[self.correct])
-        stated = f"{self.confidence[likely].mean():.1%}" if likely.any() else "-"
+        of_confident = self.rate(confident)
+        of_likely = self.rate(~confident & (self.confidence >= LIKELY_CONFIDENCE))
+        of_correct = replace(self, correct=confident).rate(self.correct)
+        stated = f"{of_likely.stated:.1%}" if of_likely.lanes else "-"
         cells = f"{of_confident.lanes}", of_confident.describe(), of_correct.describe()
         return [*cells, f"{of_likely.lanes}", stated, of_likely.describe()]
-
-
-class Rate(NamedTuple):
-    """A share of a number of lanes, with its 95 % interval; NaN without a lane."""
-
-    share: float
-    low: float
-    high: float
-    lanes: int
-
-    def describe(self) -> str:
-        """The share and its interval, in percent."""
-        return f"{self.share:.1%} {describe_interval(self.low, self.high)}" if self.lanes else "-"
-
-
-def _rate(flags: np.ndarray, clusters: np.ndarray) -> Rate:
-    return Rate(float(flags.mean()) if len(flags) else float("nan"), *share_interval(flags, clusters), len(flags))
 
 
 def describe_confidence(results: Iterable[Result]) -> str:
@@ -113,3 +96,31 @@ def describe_confidence(results: Iterable[Result]) -> str:
         return ""
     rows = {", ".join(names): AvailableLanes.from_results(group).summary_cells() for names, group in groups.items()}
     return f"{format_table(SUMMARY_COLUMNS, rows)}\n{CONFIDENCE_LEGEND}"
+
+
+def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path | None:
+    """Draw the tracker's reliability diagram: accuracy against confidence, with the number of lanes above each point.
+
+    None if the tracker has no lane.
+    """
+    of_tracker = [result for result in results if result.system == TRACKER]
+    if not any(result.errors.available.any() for result in of_tracker):
+        return None
+    confidence, accuracy, low, high, count = np.array(AvailableLanes.from_results(of_tracker).reliability()).T
+    figure, (axes,) = new_figure(1, 1, (8, 6))
+    axes.plot([0, 1], [0, 1], color="0.15", linestyle="--", linewidth=1.3, zorder=3)
+    axes.errorbar(
+        confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
+    )
+    # above the axes and turned, because the points at the right are as close together as a line of text is high
+    above = {"transform": axes.get_xaxis_transform(), "rotation": 90, "ha": "center", "va": "bottom"}
+    for x, lanes in zip(confidence, count, strict=True):
+        axes.text(x, 1.02, f"{lanes:.0f}", **above)
+    axes.set(
+        xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
+    )
+    scenes = len({result.scene for result in results})
+    title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
+    axes.set_title(title, loc="left", pad=40)
+    axes.grid(alpha=0.3)
+    return save_figure(figure, path)

@@ -2,18 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from importlib import import_module
-
 import numpy as np
 
-from course.exercises.verdict import NOT_TRIED, Checks, Verdict, hint
+from course.exercises import chapters_01_04, chapters_05_08, chapters_09_12, chapters_13_16
+from course.exercises.hints import Checks, HintError, require, tried
 
-CHAPTERS = range(1, 17)
-# Each check takes the answer and named arguments of the exercise, and returns a Verdict.
-CHECKS: Checks = {}
-for _chapter in CHAPTERS:
-    CHECKS |= import_module(f"course.exercises.chapter_{_chapter:02}").CHECKS
+CHECKS: Checks = chapters_01_04.CHECKS | chapters_05_08.CHECKS | chapters_09_12.CHECKS | chapters_13_16.CHECKS
 
 
 def check_exercise(number: str, answer: object, **given: object) -> None:
@@ -38,18 +32,15 @@ def check_exercise(number: str, answer: object, **given: object) -> None:
     """
     if number not in CHECKS:
         raise ValueError(f"there is no exercise {number!r}; the exercises are {', '.join(sorted(CHECKS))}.")
-    print(f"{number}: {_judge(CHECKS[number], answer, given)}")
-
-
-def _judge(check: Callable[..., Verdict], answer: object, given: dict[str, object]) -> Verdict:
-    if answer is None:
-        return NOT_TRIED
-    if _has_nan(answer):
-        return hint("the answer has a NaN (not a number): look for a point outside the image, or for 0 / 0.")
     try:
-        return check(answer, **given)
+        nan = "the answer has a NaN (not a number): look for a point outside the image, or for 0 / 0."
+        require(not _has_nan(tried(answer)), nan)
+        verdict = f"correct, {CHECKS[number](answer, **given)}"
+    except HintError as hint:
+        verdict = str(hint)
     except Exception as error:  # the answer is code of the reader, which may raise anything
-        return hint(f"your answer raised {type(error).__name__}: {error}")
+        verdict = f"your answer raised {type(error).__name__}: {error}"
+    print(f"{number}: {verdict}")
 
 
 def _has_nan(answer: object) -> bool:

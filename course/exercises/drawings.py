@@ -8,9 +8,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from benchmark.reporting.figures import TRUTH_LOOK
 from course.exercises.paint import PaintRating
-from course.plots import LEGEND_ABOVE, show_pictures
+from course.plots import LEGEND_ABOVE, TRUTH_LOOK, show_pictures
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, draw_polyline
 from lanes.figures import new_figure, rgb
 

@@ -11,7 +11,7 @@ from functools import partial
 
 import numpy as np
 
-from course.exercises.verdict import find_mistake
+from course.exercises.hints import require, require_equal
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
 from lanes.stills import find_lane
@@ -47,27 +47,33 @@ def cover_square(image: np.ndarray, row: int, column: int, *, level: int = GRAY)
     return covered
 
 
-def explain_difference(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camera: Camera) -> str | None:
-    """What is wrong with a map, whose uncovered image has this lane; None if nothing is."""
+def require_occlusion(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camera: Camera) -> None:
+    """Raise a `HintError` if a map is wrong at some of its squares; the uncovered image has this lane."""
     squares = choose_squares(moved_m, lane, camera)
-    mine = moved_m[tuple(squares.T)]
-    signed = _moves(image, lane, camera, squares, cover_square)
-    expected = np.abs(signed[:, :, 0]).max(axis=1)
-    if np.allclose(np.minimum(expected, LARGEST_M), mine, rtol=0, atol=CLOSE_M):
-        return None
-    if not moved_m.any():
-        return "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
-    wrong = np.argsort(-np.abs(expected - mine))[:COMPARED_COUNT]
-    covered = {
-        reason: np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0]).max(axis=1)
-        for reason, cover in WRONG_COVERS.items()
+    mine, signed = moved_m[tuple(squares.T)], _moves(image, lane, camera, squares, cover_square)
+    size = np.minimum(np.abs(signed), LARGEST_M)
+    expected = size[:, :, 0].max(axis=1)
+    if np.allclose(mine, expected, rtol=0, atol=CLOSE_M):
+        return
+    require(
+        moved_m.any(), "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
+    )
+    mistakes = {
+        "this is the left line alone. Take the larger of both.": size[:, 0, 0],
+        "this is the right line alone. Take the larger of both.": size[:, 1, 0],
+        "moves to one side are missing. Take the absolute difference.": np.clip(
+            signed[:, :, 0].max(axis=1), 0, LARGEST_M
+        ),
+        "this is 10 m ahead. Compare the lines 20 m ahead.": size[:, :, 1].max(axis=1),
     }
-    for moves_m, found_m in ((_wrong_measures(signed), mine), (covered, mine[wrong])):
-        limited = {reason: np.minimum(values, LARGEST_M) for reason, values in moves_m.items()}
-        if mistake := find_mistake(found_m, limited, atol=CLOSE_M):
-            return mistake
+    wrong = np.argsort(-np.abs(expected - mine))[:COMPARED_COUNT]
+    for sentence, cover in WRONG_COVERS.items():
+        mistakes[sentence] = mine.copy()
+        moved = np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0])
+        mistakes[sentence][wrong] = np.minimum(moved.max(axis=1), LARGEST_M)
     place, got_m, right_m = squares[wrong[0]].tolist(), mine[wrong[0]], expected[wrong[0]]
-    return f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 80 x 80 pixels gray, 128?"
+    otherwise = f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 80 x 80 pixels gray, 128?"
+    require_equal(mine, expected, mistakes, otherwise, atol=CLOSE_M)
 
 
 def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, cover: Cover) -> np.ndarray:
@@ -77,17 +83,6 @@ def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, c
         found = find_lane(cover(image, row, column), camera)
         moves.append(np.full_like(before_m, LARGEST_M) if found is None else found.lateral_m(AHEAD_M) - before_m)
     return np.array(moves)
-
-
-def _wrong_measures(signed: np.ndarray) -> dict[str, np.ndarray]:
-    """Values (squares,) by the mistake that leads to them, from `_moves`."""
-    size = np.abs(signed)
-    return {
-        "this is the left line alone. Take the larger of both.": size[:, 0, 0],
-        "this is the right line alone. Take the larger of both.": size[:, 1, 0],
-        "moves to one side are missing. Take the absolute difference.": np.maximum(signed[:, :, 0].max(axis=1), 0),
-        "this is 10 m ahead. Compare the lines 20 m ahead.": size[:, :, 1].max(axis=1),
-    }
 
 
 def _cover_so_far(image: np.ndarray, row: int, column: int) -> np.ndarray:

@@ -65,14 +65,6 @@ def test_worse_in_every_drive_is_significant_and_in_one_of_eight_is_not():
     assert among_best([drives(BEST), drives(one)]) == [True, True]
 
 
-def test_the_same_drives_are_compared():
-    """Drives differ more than systems: unpaired intervals overlap, the difference is decided."""
-    shares = np.linspace(0.1, 0.9, 9)
-    first, second = drives(list(shares)), drives(list(shares - 0.05))
-    assert accuracy_interval(first)[0] < accuracy_interval(second)[1]
-    assert among_best([first, second]) == [True, False]
-
-
 def test_a_single_drive_is_divided_into_seconds():
     # 0.2 s of failures in one of ten seconds are not significant, 0.2 s in each are
     once, always = np.ones(250, bool), np.ones(250, bool)

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 import helpers
-from benchmark import estimates, evaluation, own_finder, runner, systems
-from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark import estimates, evaluation, runner, systems
+from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, run_systems
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
@@ -123,26 +123,26 @@ def test_the_options_reach_the_run(monkeypatch):
 
 class TestRunner:
     def test_finished_estimates_are_not_computed_again(self, prepared, tmp_path, monkeypatch):
-        path = cached_estimates(prepared, "tracker", tmp_path, 1)
+        path = cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1)
         monkeypatch.setattr(runner, "run_system", lambda *_: pytest.fail("computed again"))
-        assert cached_estimates(prepared, "tracker", tmp_path, 1) == path
+        assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
         for task in [(other, "tracker"), (prepared, "best_channel")]:
             with pytest.raises(pytest.fail.Exception, match="computed again"):
-                cached_estimates(*task, tmp_path, 1)
+                cached_estimates(task, folder=tmp_path, workers=1)
 
     @pytest.mark.parametrize(
         ("system", "source"),
-        [("tracker", birdseye), ("hls_sobel", helpers), (f"{own_finder.__file__}:load_finder", camera)],
+        [("tracker", birdseye), ("hls_sobel", helpers), (f"{systems.__file__}:load_finder", camera)],
         ids=["tracker", "recipe", "own finder"],
     )
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
         read_bytes, seen = Path.read_bytes, set()
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
         monkeypatch.setattr(runner, "run_system", lambda *_: DriveEstimates.from_frames([], []))
-        cached_estimates(prepared, system, tmp_path, 1)
-        common = (estimates, evaluation, own_finder, systems, images, reader, camera)
+        cached_estimates((prepared, system), folder=tmp_path, workers=1)
+        common = (estimates, evaluation, systems, images, reader, camera)
         assert {Path(module.__file__) for module in (*common, source)} <= seen
 
     def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):
@@ -156,7 +156,7 @@ class TestRunner:
             for time_s in (0.0, 0.04, 0.2, 0.24):
                 video.write(BENDS.frame(time_s), time_s)
         told: list[float | None] = []
-        started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: LaneEstimate())
+        started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: {})
         monkeypatch.setattr(evaluation, "start_system", lambda *_, **__: started)
         run_systems(PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true"), [("tracker", 1), ("tracker", 2)])
         assert told[:2] == [None, None] and told[2:] == pytest.approx([0.04, 0.16, 0.2, 0.04])

@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth, frame_errors, recovery_lengths
-from benchmark.estimates import (
-    AHEAD_M,
-    ALONG_M,
-    DriveEstimates,
-    LaneEstimate,
-    read_estimates,
-    road_points,
-    write_estimates,
-)
+from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, read_estimates, road_points, write_estimates
 from benchmark.reporting.tables import describe_failures, failure_spans
 from benchmark.scores import Result, score, score_rows, total_rows
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
@@ -48,6 +40,11 @@ def lines_through(lateral_m: np.ndarray) -> np.ndarray:
     return road_points(ALONG_M, np.array([np.interp(ALONG_M, AHEAD_M, line) for line in lateral_m]))
 
 
+def estimate(lines_m: np.ndarray, offset_m: float, heading: float, curvature: float, confidence: float | None) -> dict:
+    numbers = {"offset_m": offset_m, "heading_rad": heading, "curvature_per_m": curvature, "confidence": confidence}
+    return {"lines_m": lines_m} | numbers
+
+
 def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float, lateral_m: float) -> None:
     """Move a line of a frame sideways within 1 m of one of AHEAD_M, in place."""
     estimates.lines_m[frame, line, np.abs(ALONG_M - at_m) <= 1.0, 1] += lateral_m
@@ -56,7 +53,7 @@ def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float,
 def perfect(lane: LaneTruth, confidence: float | None = 0.99) -> DriveEstimates:
     """Estimates without error."""
     some = zip(map(lines_through, lane.lines_y_m), lane.offset_m, lane.heading_rad, lane.curvature_per_m, strict=True)
-    return DriveEstimates.from_frames([LaneEstimate(*one, confidence) for one in some], [7.0] * N)
+    return DriveEstimates.from_frames([estimate(*one, confidence) for one in some], [7.0] * N)
 
 
 def shifted(estimates: DriveEstimates, shift_m: np.ndarray | float) -> DriveEstimates:
@@ -96,7 +93,7 @@ def test_in_a_hairpin_errors_are_perpendicular_to_the_line_and_end_at_60_degrees
     lane = LaneTruth(true_y_m[None], np.array([centre_m - radii_m]), *numbers)
     angle = ALONG_M / centre_m
     inner = np.stack([np.outer(radii_m - 0.1, np.sin(angle)), centre_m - np.outer(radii_m - 0.1, np.cos(angle))], -1)
-    estimates = [LaneEstimate(inner, 0.0, 0.0, 1 / centre_m, 0.9)]
+    estimates = [estimate(inner, 0.0, 0.0, 1 / centre_m, 0.9)]
     errors = frame_errors(DriveEstimates.from_frames(estimates, [1.0]), lane)
     assert lane.compared[0].sum(axis=1).tolist() == [3, 4]
     assert errors.lateral_m[0, AHEAD_M <= 20] == pytest.approx(0.1, rel=0.02)
@@ -130,7 +127,7 @@ class TestOnTheLine:
         every = np.ones(N)
         numbers = (every * number for number in (lateral_m, 0, 1 / 400, WIDTH))
         lane = LaneTruth(np.array([lines[0]] * N), np.outer(every, at_car[0]), *numbers)
-        other = LaneEstimate(lines_through(lines[1]), -at_car[1].mean(), 0.0, 1 / (400 - side * WIDTH), 0.99)
+        other = estimate(lines_through(lines[1]), -at_car[1].mean(), 0.0, 1 / (400 - side * WIDTH), 0.99)
         return lane, perfect(lane), DriveEstimates.from_frames([other] * N, [1.0] * N)
 
     @pytest.mark.parametrize("lateral_m", [1.5, -1.5])
@@ -170,8 +167,8 @@ class TestUnknown:
 
     def test_lost_frames_lower_availability_and_are_no_error(self):
         lane = truth()
-        found = [LaneEstimate(lines_through(y), 0.25, 0.01, 0.002, 0.95) for y in lane.lines_y_m[2:]]
-        estimates = DriveEstimates.from_frames([LaneEstimate(), LaneEstimate(), *found], [1.0] * N)
+        found = [estimate(lines_through(y), 0.25, 0.01, 0.002, 0.95) for y in lane.lines_y_m[2:]]
+        estimates = DriveEstimates.from_frames([{}, {}, *found], [1.0] * N)
         row = score([frame_errors(estimates, lane)])
         assert (row["available_share"], row["accuracy"], row["confident_and_wrong_share"]) == (0.6, 0.6, 0)
         assert row["lateral_5_20m_p95_m"] == 0

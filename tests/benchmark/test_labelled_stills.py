@@ -10,12 +10,7 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import z_summary
-from benchmark.labelled_stills import (
-    LABEL_STD_PX,
-    ScoredLane,
-    all_z,
-    score_lane,
-)
+from benchmark.labelled_stills import LABEL_STD_PX, all_z, score_lane
 from benchmark.real_roads import WAYS, describe, read_road_sets, score_set
 from lanes.camera import save_camera
 from lanes.detect.confidence import error_variance_factor
@@ -105,33 +100,30 @@ def label_of(model: np.ndarray, shift_px: np.ndarray | float = 0.0) -> LaneColum
     return LaneColumns("a", ROWS, np.where(columns >= 0, columns + np.reshape(shift_px, (-1, 1)), NO_POINT))
 
 
-def drawn_checks(covariance: np.ndarray, *, stated: float = 1.0) -> list[ScoredLane]:
-    """Checks of lanes with drawn errors, against labels with drawn errors."""
+def drawn_z(covariance: np.ndarray, *, stated: float = 1.0) -> np.ndarray:
+    """z (300, 2, 3) of lanes with drawn errors, against labels with drawn errors."""
     rng = np.random.default_rng(8)
     models = rng.multivariate_normal(TRUE, covariance, 300)
     labels = [label_of(TRUE, shift_px) for shift_px in rng.normal(0, LABEL_STD_PX, (300, 2))]
     lanes = [lane_of(model, stated**2 * covariance) for model in models]
-    return [score_lane(lane, label, CAMERA) for lane, label in zip(lanes, labels, strict=True)]
+    z = all_z([score_lane(lane, label, CAMERA) for lane, label in zip(lanes, labels, strict=True)])
+    assert np.isfinite(z).mean() > 0.95
+    return z
 
 
 def z_rms(z: np.ndarray) -> np.ndarray:
     """(3,) root mean squares of (N, 2, 3)."""
-    assert np.isfinite(z).mean() > 0.95
     return np.sqrt(np.nanmean(z**2, axis=(0, 1)))
 
 
-@pytest.mark.parametrize("stated", [1.0, 0.5])
-def test_z_is_the_ratio_of_true_and_stated_std(stated):
-    checks = drawn_checks(np.diag(STD**2), stated=stated)
-    rms = z_rms(all_z(checks))
-    # with half the stated standard deviation; that of the label remains
-    assert rms == pytest.approx(1, abs=0.1) if stated == 1 else ((rms > 1.4) & (rms < 2.1)).all()
-    z = all_z(checks).ravel()
-    assert stated < 1 or z_summary(z[np.isfinite(z)])["within_1"] == pytest.approx(0.68, abs=0.04)
-
-
-def test_the_labels_have_a_standard_deviation_of_their_own():
-    assert z_rms(all_z(drawn_checks(np.diag(STD**2) / 1e4))) == pytest.approx(1, abs=0.1)
+def test_z_is_the_ratio_of_true_and_stated_std():
+    """The labels have a standard deviation of their own, also with lanes that have hardly any."""
+    z = drawn_z(np.diag(STD**2))
+    assert z_rms(z) == pytest.approx(1, abs=0.1)
+    assert z_summary(z[np.isfinite(z)])["within_1"] == pytest.approx(0.68, abs=0.04)
+    half = z_rms(drawn_z(np.diag(STD**2), stated=0.5))
+    assert ((half > 1.4) & (half < 2.1)).all()
+    assert z_rms(drawn_z(np.diag(STD**2) / 1e4)) == pytest.approx(1, abs=0.1)
 
 
 def test_errors_of_the_pitch_are_not_in_the_picture_where_the_width_makes_up_for_them():
@@ -139,8 +131,7 @@ def test_errors_of_the_pitch_are_not_in_the_picture_where_the_width_makes_up_for
     pitch = a_lane(width=0.0, pitch=1e-3)
     left, right = (lines_on_view((TRUE + pitch)[None], AT_M, H)[0] - lines_on_view(TRUE[None], AT_M, H)[0])[:, 1]
     direction = 6 * (pitch + a_lane(width=right - left))
-    checks = drawn_checks(np.diag(STD**2) + np.outer(direction, direction))
-    assert z_rms(all_z(checks)) == pytest.approx(1, abs=0.1)
+    assert z_rms(drawn_z(np.diag(STD**2) + np.outer(direction, direction))) == pytest.approx(1, abs=0.1)
 
 
 def test_another_line_and_missing_labels_are_left_out():

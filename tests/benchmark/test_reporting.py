@@ -81,11 +81,12 @@ def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:
 
 
 def test_bins_hold_mean_confidence_and_accuracy():
-    bins = some_lanes([0.05, 0.41, 0.49, 0.93, 0.97, 1.0], [False, True, False, True, True, False]).reliability()
-    assert bins.confidence == pytest.approx([0.05, 0.45, 0.93, 0.985])
-    assert bins.accuracy == pytest.approx([0, 0.5, 1, 0.5])
-    assert bins.counts.tolist() == [1, 2, 1, 2]
-    assert ((bins.low <= bins.accuracy) & (bins.accuracy <= bins.high)).all()
+    rates = some_lanes([0.05, 0.41, 0.49, 0.93, 0.97, 1.0], [False, True, False, True, True, False]).reliability()
+    confidence, accuracy, low, high, lanes = np.array(rates).T
+    assert confidence == pytest.approx([0.05, 0.45, 0.93, 0.985])
+    assert accuracy == pytest.approx([0, 0.5, 1, 0.5])
+    assert lanes.tolist() == [1, 2, 1, 2]
+    assert ((low <= accuracy) & (accuracy <= high)).all()
 
 
 def test_summary_of_the_confidence_counted_by_hand():

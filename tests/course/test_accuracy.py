@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from benchmark.scored_drive import COMMITTED
-from course.accuracy import TwoLines, accuracy_table, label_accuracy
+from course.accuracy import TwoLines, accuracy_table, label_accuracy, score_finders
 from course.dataset import Dataset, open_dataset
-from course.own_finder import score_finders
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT

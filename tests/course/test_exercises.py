@@ -1,5 +1,7 @@
 """What the check of an exercise prints, and right answers that differ from the folded solution."""
 
+import re
+from contextlib import nullcontext
 from types import SimpleNamespace
 
 import cv2
@@ -7,12 +9,13 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from course.exercises import chapter_06, check, occlusion
-from course.exercises.chapter_12 import _correct, _distance, check_gate
+from course.exercises import check, occlusion
+from course.exercises.chapters_05_08 import check_lane_width
+from course.exercises.chapters_09_12 import _correct, _distance, check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
-from course.exercises.paint import explain_missing, explain_wrong, rate_paint
-from course.exercises.verdict import NOT_TRIED, correct, find_mistake, hint
+from course.exercises.hints import HintError, require_equal
+from course.exercises.paint import rate_paint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
@@ -28,35 +31,35 @@ def close_figures():
     plt.close("all")
 
 
-def test_no_answer_and_an_error_in_the_answer_are_reported_in_one_line(monkeypatch, capsys):
-    check_exercise("6.1", None)
-    assert capsys.readouterr().out == "6.1: not tried yet.\n"
-    monkeypatch.setitem(check.CHECKS, "0.1", lambda answer: correct(str(answer())))
-    check_exercise("0.1", lambda: 1 / 0)
-    assert capsys.readouterr().out == "0.1: your answer raised ZeroDivisionError: division by zero\n"
-
-
-def test_verdicts_and_unknown_numbers_in_words():
-    assert str(correct("3.58 m.")) == "correct, 3.58 m."
-    assert str(hint("Too wide.")) == "Too wide."
-    assert not NOT_TRIED.correct
+def test_each_verdict_is_one_line(monkeypatch, capsys):
+    monkeypatch.setitem(check.CHECKS, "0.1", lambda answer: f"{answer():.2f} m.")
+    verdicts = {
+        "not tried yet.": None,
+        "correct, 3.58 m.": lambda: 3.58,
+        "your answer raised ZeroDivisionError: division by zero": lambda: 1 / 0,
+    }
+    for verdict, answer in verdicts.items():
+        check_exercise("0.1", answer)
+        assert capsys.readouterr().out == f"0.1: {verdict}\n"
     with pytest.raises(ValueError, match=r"'99\.1'.*6\.1"):
         check_exercise("99.1", 1)
 
 
 def test_a_mistake_is_named_only_if_all_its_numbers_agree():
     mistakes = {"too large": [2.0, 4.0], "too small": [1.0, 1.0]}
-    assert find_mistake([2.0, 4.01], mistakes, atol=0.02) == "too large"
-    assert [find_mistake(found, mistakes, rtol=0.1) for found in ([2.0, 1.0], 1.0, [np.nan, 1])] == [None] * 3
+    require_equal([3.0, 4.0], [3.0, 4.01], mistakes, "other", atol=0.02)
+    for found, said in (([2.0, 4.01], "too large"), ([2.0, 1.0], "other"), (1.0, "other"), ([np.nan, 1], "other")):
+        with pytest.raises(HintError, match=f"^it is {said}$"):
+            require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
 
 
-def draw_mask(*pieces_m: tuple[float, float, float], width_px: int = 25) -> np.ndarray:
+def draw_mask(*pieces_m: tuple[float, float, float]) -> np.ndarray:
     """A mask of pieces along the road: lateral position, first and last distance, metres."""
     mask = np.zeros((720, 1280), np.uint8)
     for y_m, *ends_m in pieces_m:
         points_m = np.array([[x_m, y_m] for x_m in ends_m])
         (u, v), (u_far, v_far) = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(points_m)))
-        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, width_px)
+        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, 25)
     return mask
 
 
@@ -73,20 +76,6 @@ def test_paint_is_rated_by_place_and_by_line():
     assert left - right == pytest.approx(7 / 25, abs=0.05)  # the drawn ends are round
     gap = draw_mask((-2.0, 12, 20))
     assert all(gap[round(v), round(u)] for u, v in np.mean(rating.missed_px, axis=1))
-    assert "narrow" in explain_wrong(rating, WARP, CAMERA)
-    wide = rate_paint(draw_mask((0, 8, 16), width_px=120), WARP, CAMERA, STRAIGHT)
-    assert "wider than a line" in explain_wrong(wide, WARP, CAMERA)
-
-
-@pytest.mark.parametrize(
-    ("pieces_m", "words"),
-    [
-        ([(1.6, 4, 12), (-2, 4, 35)], "solid yellow line it finds only 3"),
-        ([(1.6, 4, 35), (-2, 5, 8)], "dash has 73 rows"),
-    ],
-)
-def test_the_line_that_is_missing_is_named(pieces_m, words):
-    assert words in explain_missing(rate_paint(draw_mask(*pieces_m), WARP, CAMERA, STRAIGHT), WARP, CAMERA)
 
 
 @pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
@@ -103,8 +92,9 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
         return (width_px + extra_px) * across_m
 
     given = {"binary": binary, "warp": WARP, "camera": CAMERA, "truth": None}
-    assert chapter_06.check_lane_width(lane_width, **given).correct
-    assert not chapter_06.check_lane_width(lambda mask: lane_width(mask, 40.0), **given).correct
+    assert "for a drawn, narrower lane" in check_lane_width(lane_width, **given)
+    with pytest.raises(HintError, match="m for this lane"):
+        check_lane_width(lambda mask: lane_width(mask, 40.0), **given)
 
 
 def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
@@ -112,7 +102,7 @@ def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
     def correct_gated(state, covariance, z, noise, matrix):
         return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))
 
-    assert check_gate(correct_gated).correct
+    assert "skips the neighbouring lane" in check_gate(correct_gated)
 
 
 @pytest.mark.parametrize(("limit", "rejected"), [(11.3, 10), (np.inf, 0)])
@@ -132,51 +122,45 @@ def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, reject
     assert filter_drive(lambda *given: 1 / 0) is None
 
 
-class TestOcclusion:
-    """13.1: maps of a detector whose lines move by given weights where the image, of level 60, is covered."""
+IMAGE = np.full((720, 1280, 3), 60, np.uint8)
+# By how much each covered square moves the two lines; one square above, and one without which the lane is lost.
+WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
+LOST = (4, 9)
 
-    IMAGE = np.full((720, 1280, 3), 60, np.uint8)
-    WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
-    LOST = (4, 9)
 
-    def find(self, image, camera=CAMERA):
-        covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
-        if covered[self.LOST]:
-            return None
-        moved_m = (self.WEIGHTS_M * covered).sum(axis=(1, 2))
-        return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
+def find_occluded(image, camera=CAMERA):
+    """A detector whose lines move where the image is covered."""
+    covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
+    if covered[LOST]:
+        return None
+    moved_m = (WEIGHTS_M * covered).sum(axis=(1, 2))
+    return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
 
-    def map_of(self, cover, measure=lambda moved_m: np.abs(moved_m).max(), at_m=20.0):
-        moved_m, before_m = np.ones(occlusion.SHAPE), self.find(self.IMAGE).lateral_m(np.array([at_m]))
-        for row, column in np.ndindex(*occlusion.SHAPE):
-            if lane := self.find(cover(self.IMAGE, row, column)):
-                moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
-        return moved_m
 
-    def explain(self, monkeypatch, moved_m):
-        monkeypatch.setattr(occlusion, "find_lane", self.find)
-        return occlusion.explain_difference(moved_m, self.IMAGE, self.find(self.IMAGE), CAMERA)
+def worst(moved_m: np.ndarray) -> float:
+    return np.abs(moved_m).max()
 
-    def test_the_right_map_has_no_mistake(self, monkeypatch):
-        assert self.explain(monkeypatch, self.map_of(occlusion.cover_square)) is None
 
-    @pytest.mark.parametrize(
-        ("words", "changed"),
-        [
-            ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
-            ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
-            ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
-            ("10 m ahead", {"at_m": 10.0}),
-            ("is 0", {"measure": lambda moved_m: 0.0}),
-            (" instead of ", {"measure": lambda moved_m: np.abs(moved_m).max() / 3}),
-        ],
-    )
-    def test_wrong_measures_are_named(self, monkeypatch, words, changed):
-        moved_m = self.map_of(occlusion.cover_square, **changed)
-        if words == "is 0":
-            moved_m[self.LOST] = 0
-        assert words in self.explain(monkeypatch, moved_m)
-
-    @pytest.mark.parametrize("reason", occlusion.WRONG_COVERS)
-    def test_wrong_covers_are_named(self, monkeypatch, reason):
-        assert self.explain(monkeypatch, self.map_of(occlusion.WRONG_COVERS[reason])) == reason
+@pytest.mark.parametrize(
+    ("words", "changed"),
+    [
+        ("", {}),
+        ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
+        ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
+        ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
+        ("10 m ahead", {"at_m": 10.0}),
+        ("is 0", {"measure": lambda moved_m: 0.0, "lost_m": 0.0}),
+        (" instead of ", {"measure": lambda moved_m: worst(moved_m) / 3}),
+        *((reason, {"cover": cover}) for reason, cover in occlusion.WRONG_COVERS.items()),
+    ],
+)
+def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, changed):
+    """13.1: the right map, and wrong ones."""
+    given = {"cover": occlusion.cover_square, "measure": worst, "at_m": 20.0, "lost_m": 1.0} | changed
+    moved_m, at_m = np.full(occlusion.SHAPE, given["lost_m"]), np.array([given["at_m"]])
+    for row, column in np.ndindex(*occlusion.SHAPE):
+        if lane := find_occluded(given["cover"](IMAGE, row, column)):
+            moved_m[row, column] = min(1, given["measure"](lane.lateral_m(at_m) - find_occluded(IMAGE).lateral_m(at_m)))
+    monkeypatch.setattr(occlusion, "find_lane", find_occluded)
+    with pytest.raises(HintError, match=re.escape(words)) if words else nullcontext():
+        occlusion.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)

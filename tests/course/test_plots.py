@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from course import plots
-from course.sketch import sketch
+from course.sketch import SKETCHES, sketch
 from lanes.camera import Camera, CameraPose
 
 
@@ -69,7 +69,7 @@ def test_series_has_units_gaps_and_truth():
         plots.plot_series(np.arange(3), {})
 
 
-@pytest.mark.parametrize("name", ["pinhole", "homography", "ray", "grid", "conventions"])
+@pytest.mark.parametrize("name", SKETCHES)
 def test_sketch_texts_are_whole_and_apart(name):
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -18,7 +18,7 @@ import nbformat
 import pytest
 from nbval.plugin import IPyNbCell, IPyNbFile
 
-from tests.course.wrong_answers import WRONG_ANSWERS
+from tests.course.wrong_answers import WRONG_ANSWERS, wrong_code
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
@@ -109,4 +109,9 @@ def exercises() -> list[tuple[str, str, str]]:
 
 def wrong() -> list[tuple[str, str, str]]:
     """(number, code, part of the hint) of each wrong answer."""
-    return [(number, code, hint) for number, listed in WRONG_ANSWERS.items() for code, hint in listed]
+    solutions = {number: solution for number, _, solution in exercises()}
+    return [
+        (number, wrong_code(solutions[number], *steps), hint)
+        for number, listed in WRONG_ANSWERS.items()
+        for hint, *steps in listed
+    ]

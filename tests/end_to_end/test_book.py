@@ -7,11 +7,12 @@ from __future__ import annotations
 
 import os
 import pkgutil
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
-from html.parser import HTMLParser
+from html import unescape
 from pathlib import Path
 from urllib.parse import unquote, urlsplit
 
@@ -32,37 +33,20 @@ pytestmark = [
 ]
 
 
-class Page(HTMLParser):
-    """The links and the names of a page."""
-
-    def __init__(self, path: Path) -> None:
-        super().__init__()
-        self.links: set[str] = set()
-        self.names: set[str] = set()
-        self.feed(path.read_text(encoding="utf-8"))
-
-    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
-        for name, value in attributes:
-            if name in ("id", "name") and value:
-                self.names.add(value)
-            elif name in ("href", "src") and value:
-                self.links.add(value)
-
-
 @cache
-def read_page(path: Path) -> Page:
-    return Page(path)
+def find_values(path: Path, names: str) -> set[str]:
+    """The values of some attributes (a pattern of their names) of all tags of a page."""
+    return {unescape(value) for value in re.findall(rf'\s(?:{names})="([^"]+)"', path.read_text(encoding="utf-8"))}
 
 
 def dead_links(path: Path) -> Iterator[str]:
-    for link in read_page(path).links:
+    for link in find_values(path, "href|src"):
         parts = urlsplit(link)
         if parts.scheme or parts.netloc:
             continue
         target = (path.parent / unquote(parts.path)).resolve() if parts.path else path
-        fragment = unquote(parts.fragment)
-        names_a_place = fragment and target.suffix == ".html"
-        if not target.is_file() or (names_a_place and fragment not in read_page(target).names):
+        names_a_place = parts.fragment and target.suffix == ".html"
+        if not target.is_file() or (names_a_place and unquote(parts.fragment) not in find_values(target, "id|name")):
             yield link
 
 
@@ -84,7 +68,7 @@ def pages(html) -> list[Path]:
 
 def test_no_internal_link_is_dead_and_no_script_or_style_comes_from_the_network(html):
     assert not [(path, link) for path in html for link in dead_links(path)]
-    scripts = {link for path in html for link in read_page(path).links if link.endswith((".js", ".css"))}
+    scripts = {link for path in html for link in find_values(path, "href|src") if link.endswith((".js", ".css"))}
     assert not [link for link in scripts if urlsplit(link).netloc]
 
 
@@ -124,7 +108,7 @@ def test_pages_load_with_their_formulas_and_fit_the_screen(browser, pages):
 
 @needs_browser
 def test_videos_play_folded_answers_have_formulas_and_the_search_finds_pages(browser, pages):
-    with_videos = [path for path in pages if any(link.endswith(".mp4") for link in read_page(path).links)]
+    with_videos = [path for path in pages if any(link.endswith(".mp4") for link in find_values(path, "href|src"))]
     browser.open(with_videos[0])
     browser.execute_script("window.videos = [...document.querySelectorAll('video')]")
     browser.wait("videos.length && videos.every(video => video.readyState >= 2)")

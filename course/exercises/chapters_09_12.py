@@ -1,0 +1,276 @@
+"""Exercises of chapters 9 to 12: metres, the filter for paint, one model for both lines, the Kalman filter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from course.exercises.drawings import draw_filtered_drive
+from course.exercises.gated_drive import filter_drive
+from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from lanes.camera import Camera, CameraPose
+
+# 9.1: height of the camera, width and distance of a lane, metres, and by how many degrees the assumed pitch is too
+# large. Cameras of a car and a lorry; the view looks too far down and too far up.
+PITCH_ERRORS = ((1.30, 3.66, 30.0, 0.3), (1.30, 3.66, 30.0, -0.3), (2.40, 3.00, 18.0, 1.0), (1.55, 3.75, 42.0, -0.2))
+# Largest relative error of the answer. The small-angle formula is within 0.2 % of the camera's projection.
+PITCH_TOLERANCE = 0.02
+
+
+def check_pitch_error(pitch_error_deg: Callable[[float, float, float, float], float]) -> str:
+    """9.1: the pitch error that makes a lane look too narrow or too wide, degrees."""
+    height_m, width_m, _, true = np.array(PITCH_ERRORS).T
+    seen_width_m, seen_at_m = np.array([_seen(*case) for case in PITCH_ERRORS]).T
+    found = np.array(
+        [
+            require_shape(tried(pitch_error_deg(*case)), (), "return one number, the error in degrees")
+            for case in zip(seen_width_m, seen_at_m, height_m, width_m, strict=True)
+        ]
+    )
+    mistakes = {
+        "; your answer is in radians. Use np.degrees.": np.radians(true),
+        "; the sign is wrong. If the lane looks too narrow, the assumed pitch is too large.": -true,
+        "; distance_m is the distance in the view, X'. The true one is X = X' w / w'.": true * width_m / seen_width_m,
+        "; the ratio of the widths is upside down. If w' < w, the true distance is larger than X'.": -true
+        * width_m
+        / seen_width_m,
+        "; the height is missing: the ray falls by h / X, not by 1 / X.": true / height_m,
+    }
+    otherwise = (
+        " degrees. The ray falls by h / X' in the view, and by h / X on the road. Compare the two; take height and "
+        "width from the arguments."
+    )
+    said = f"a lane {width_m[0]} m wide that looks {seen_width_m[0]:.2f} m wide at {seen_at_m[0]:.1f} m: "
+    said += f"yours is {found[0]:.3f}, true {true[0]:.3f}"
+    require_equal(found, true, mistakes, otherwise, said=said, rtol=PITCH_TOLERANCE)
+    return f"{len(true)} errors from {true.min()} to {true.max()} degrees are right within {PITCH_TOLERANCE:.0%}."
+
+
+def _seen(height_m: float, width_m: float, distance_m: float, error_deg: float) -> tuple[float, float]:
+    """The width of the lane in the view, and the distance at which the view shows it, metres."""
+    pose = CameraPose(height_m, pitch_rad=np.radians(1.5))
+    camera = Camera.from_fov((1280, 720), 60, pose)
+    assumed = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + np.radians(error_deg)))
+    ends_m = [(distance_m, side * width_m / 2) for side in (1, -1)]
+    (seen_at_m, left_m), (_, right_m) = assumed.pixels_to_road(camera.road_to_pixels(np.array(ends_m)))
+    return left_m - right_m, seen_at_m
+
+
+# 10.1: cells at either end of a row that do not count, and the positions of the stripes and edges.
+MARGIN, PLACE = 40, 150
+# Gray levels of the road, and of the contrast of paint and seams; largest error, as a share of the score of a stripe.
+ROAD, CONTRAST, RESPONSE_TOLERANCE = 120.0, 60.0, 0.1
+
+
+def check_stripe_response(respond: Callable[[np.ndarray, int], np.ndarray]) -> str:
+    """10.1: the response of the band filter along one row."""
+    tried(respond(_row(3), 3))
+    edge = _row(1, contrast=0.0)
+    edge[PLACE - 30 : PLACE + 30] -= CONTRAST  # a shadow, with edges of both kinds
+    middle, all_cells = slice(PLACE, PLACE + 1), slice(MARGIN, -MARGIN)
+    noise = "Subtract the road from the stripe, and divide by 1 + n, where n is the mean over 51 cells."
+    width = "The width decides over the mean in the centre and over the distance of the strips of road."
+    # row, width of a stripe in it, the cells whose largest score counts, and what to think of if it is wrong
+    cases = {
+        "a bright stripe": (_row(3), 3, middle, noise),
+        "a dark seam": (_row(3, contrast=-CONTRAST), 3, middle, "It is no paint: take no absolute value."),
+        "an edge of a shadow": (edge, 3, all_cells, "Subtract the larger of the two sides: max(m_l, m_r)."),
+        "a double line 7 cells wide": (_row(7), 7, middle, width),
+        "a cell beside a stripe": (_row(3), 3, all_cells, "Check gap, strips and noise."),
+    }
+    reached, tolerance = [], RESPONSE_TOLERANCE * _respond(_row(3), 3)[PLACE]
+    for name, (row, cells, place, advice) in cases.items():
+        found = np.asarray(respond(row.copy(), cells), float)
+        form = f"the result has shape {found.shape}; it needs one number for each cell, {row.shape}."
+        require(found.shape == row.shape, form)
+        require(np.isfinite(found[all_cells]).all(), "some scores are NaN or infinite.")
+        expected = _respond(row, cells)
+        pairs = [(found[place].max(), expected[place].max())]
+        if name == "a cell beside a stripe":
+            worst = int(np.abs(found - expected)[all_cells].argmax()) + MARGIN
+            pairs.append((found[worst], expected[worst]))
+        for score, right in pairs:
+            require(abs(score - right) <= tolerance, f"{name} scores {score:.1f} instead of {right:.1f}. {advice}")
+        reached.append(pairs[0][0])
+    return f"a stripe scores {reached[0]:.1f}, an edge at most {max(reached[2], 0):.1f}, a seam {reached[1]:.1f}."
+
+
+def _row(width: int, *, contrast: float = CONTRAST) -> np.ndarray:
+    """A row of the road with a stripe in the middle."""
+    row = ROAD + np.random.default_rng(10).normal(0, 2, 2 * PLACE + 1)
+    row[PLACE - width // 2 : PLACE + width // 2 + 1] += contrast
+    return row
+
+
+def _respond(row: np.ndarray, width: int) -> np.ndarray:
+    """The response as the course defines it."""
+    centre, road = _mean(row, width), _mean(row, 3)
+    reach = width // 2 + 3
+    noise = 1 + _mean(np.abs(np.diff(row, prepend=row[0])), 51)
+    return (centre - np.maximum(np.roll(road, reach), np.roll(road, -reach))) / noise
+
+
+def _mean(values: np.ndarray, count: int) -> np.ndarray:
+    return np.convolve(values, np.ones(count) / count, mode="same")
+
+
+# 11.1: centre (m), heading (rad) and curvature (1/m) of a lane, their tolerances, and its width (m).
+LANE, LANE_TOLERANCES, WIDTH_M = np.array([0.25, -0.012, 0.002]), np.array([0.03, 0.004, 2e-4]), 3.66
+# Another lane, on the left of the car: both of its lines have a positive y.
+OTHER_CENTRE_M, OTHER_WIDTH_M = 2.5, 3.0
+KnownWidthFit = Callable[[np.ndarray, np.ndarray, np.ndarray, float], np.ndarray]
+
+
+def check_known_width(fit: KnownWidthFit) -> str:
+    """11.1: the lane from one of its lines, with a known width."""
+    x_m, both = np.geomspace(5.0, 30.0, 80), np.geomspace(5.0, 30.0, 400)
+    noise_m = np.random.default_rng(11).normal(0, 0.02, len(x_m))
+    every, few = np.ones(len(x_m), bool), np.arange(len(both)) % 100 == 0
+    left, right = (_fit_lane(fit, LANE, WIDTH_M, x_m, side, noise_m) for side in (every, ~every))
+    centre_m, heading_rad, curvature_per_m = left
+    mistakes = {
+        "the curvature is half of the true one: use x^2 / 2.": LANE * [1, 1, 0.5],
+        f"the centre lies {WIDTH_M / 2:.2f} m too far left: this is the line. Use the width.": LANE
+        + [WIDTH_M / 2, 0, 0],
+        f"the centre lies {WIDTH_M / 2:.2f} m too far right: it is half a width from either line.": LANE
+        - [WIDTH_M / 2, 0, 0],
+        f"the centre lies {WIDTH_M:.2f} m too far left: it is on the wrong side of the left line. To the right y is "
+        "smaller.": LANE + [WIDTH_M, 0, 0],
+    }
+    otherwise = (
+        f"centre {centre_m:.2f} m, heading {heading_rad:.3f} rad, curvature {1e3 * curvature_per_m:.1f} 1/km; true are "
+        f"{LANE[0]} m (left is positive), {LANE[1]} rad and {1e3 * LANE[2]:.1f} 1/km."
+    )
+    require_equal(left, LANE, mistakes, otherwise, atol=LANE_TOLERANCES)
+    only_left = "with the left line it is right, but not with the right line, where `left` is False."
+    require_equal(right, LANE, {}, only_left, atol=LANE_TOLERANCES)
+    other = np.array([OTHER_CENTRE_M, *LANE[1:]])
+    beside = (
+        f"in a lane {OTHER_WIDTH_M} m wide beside the car it is wrong. Use width_m and left, not {WIDTH_M} m and the "
+        "sign of y."
+    )
+    for side in (every, ~every):
+        found = _fit_lane(fit, other, OTHER_WIDTH_M, x_m, side, noise_m)
+        require_equal(found, other, {}, beside, atol=LANE_TOLERANCES)
+    # candidates of the left line that are 0.5 m off, few, and cannot decide alone
+    mixed = _fit_lane(fit, LANE, WIDTH_M, both, few, np.where(few, 0.5, 0.0))
+    each = "with candidates of both lines it is wrong: each of them counts, with its own half width."
+    require_equal(mixed, LANE, {}, each, atol=LANE_TOLERANCES)
+    worst_m = max(abs(found[0] - LANE[0]) for found in (left, right))
+    return f"with one line the centre is off by {100 * worst_m:.1f} cm at most."
+
+
+def _fit_lane(
+    fit: KnownWidthFit, lane: np.ndarray, width_m: float, x_m: np.ndarray, left: np.ndarray, off_m: np.ndarray
+) -> np.ndarray:
+    """The answer for candidates (N,), each on the left line or on the right one, that lie `off_m` beside it."""
+    centre_m, heading_rad, curvature_per_m = lane
+    y_m = centre_m + np.where(left, 1, -1) * width_m / 2 + heading_rad * x_m + curvature_per_m * x_m**2 / 2 + off_m
+    answer = tried(fit(x_m.copy(), y_m, left.copy(), width_m))
+    return require_shape(answer, (3,), "return the centre, the heading and the curvature")
+
+
+# 12.1: the mean squared distance of three quantities is 3 if all covariances are right.
+MEAN_DISTANCE = (2.8, 3.2)
+
+
+def check_noise(factor: float, *, try_noise: Callable[[float], tuple[float, float]]) -> str:
+    """12.1: a factor on Q with which the mean squared distance of the innovations of three numbers is about 3.
+
+    `try_noise` gives this mean, and the RMS error of the offset in cm, for a factor.
+    """
+    positive = not np.ndim(factor) and np.isfinite(factor) and factor > 0
+    require(positive, "give one positive number, the factor on Q.")
+    distance, error_cm = try_noise(float(factor))
+    reached = f"with {factor:g} Q the mean d^2 is {distance:.2f}"
+    require(distance <= MEAN_DISTANCE[1], f"{reached}: the filter is too sure. A larger Q makes it less sure.")
+    require(distance >= MEAN_DISTANCE[0], f"{reached}: the filter is too unsure. A smaller Q makes it surer.")
+    error = "" if np.isnan(error_cm) else f", and the RMS error of the offset {error_cm:.1f} cm"
+    return f"{reached}{error}."
+
+
+# 12.2: 99 % of the right measurements of three quantities have a smaller squared Mahalanobis distance (chi-squared).
+GATE = 11.34
+# A state of offset, heading and curvature, and a measurement of the offset and the heading alone.
+STATE, P = np.array([0.2, 0.01, 0.001]), np.array([[4e-4, 2e-5, 0], [2e-5, 1e-5, 1e-7], [0, 1e-7, 4e-8]])
+H, R = np.eye(3)[:2], np.array([[9e-4, 1e-5], [1e-5, 4e-6]])
+Correct = Callable[..., tuple[np.ndarray, np.ndarray]]
+
+
+def check_gate(correct_state: Correct) -> str:
+    """12.2: the correct step with a gate, tried on single measurements and drawn for a drive."""
+    if drive := filter_drive(correct_state):
+        draw_filtered_drive(drive)
+    near = STATE[:2] + [0.03, 0.002]
+    try:
+        found = tried(_call(correct_state, near))
+    except ValueError as error:
+        if "shape" not in str(error) and "dimension" not in str(error):
+            raise
+        wrong = f"the shapes do not match ({error}). H is not square here: S = H P H^T + R, K = P H^T S^-1."
+        raise HintError(wrong) from error
+    require(_is_step(found), "return two values: the state (3,) and its covariance P (3, 3).")
+    state, covariance = found
+    expected, expected_p = _correct(near)
+    rejected = f"a measurement that is {_distance(near):.1f} away (squared) is rejected; it fits."
+    otherwise = f"the offset becomes {state[0]:.4f} instead of {expected[0]:.4f}: state + K (z - H state)."
+    require_equal(state, expected, {rejected: STATE}, otherwise, atol=1e-6)
+    unchanged = "the state is right, but P is not updated: a measurement makes it smaller, P - K H P."
+    otherwise = "the state is right, but P is not P - K H P."
+    require_equal(covariance, expected_p, {unchanged: P}, otherwise, rtol=1e-3, atol=1e-12)
+    _check_distances(correct_state)
+    return "the filter takes what fits and skips the neighbouring lane."
+
+
+def _check_distances(correct_state: Correct) -> None:
+    """Measurements, some of them outside the gate, with the distance that a wrong gate computes."""
+    step = np.array([0.6, 0.8]) * np.sqrt(np.diag(H @ P @ H.T + R))
+    for squared in (6.0, 10.5, 12.5, 30.0, 200.0):
+        z = STATE[:2] + step * np.sqrt(squared / _distance(STATE[:2] + step))
+        found, at = _call(correct_state, z), f"d^2 = {squared:.1f}"
+        require(found is not None, f"None is returned at {at}. Return the state and P, both unchanged if rejected.")
+        require(_is_step(found), f"at {at} return two values, too: the state (3,) and its covariance P (3, 3).")
+        accepted = not np.allclose(found[0], STATE, atol=1e-9)
+        require(
+            not accepted or squared < GATE,
+            f"a measurement with {at} is accepted. Above 11.3 return state and P unchanged. Compare d^2 = nu^T S^-1 "
+            "nu, not its root.",
+        )
+        require(
+            accepted or squared > GATE,
+            f"a measurement with {at} is rejected. Use the inverse of S = H P H^T + R, not R alone, and not the "
+            "diagonal of S.",
+        )
+    require(np.allclose(found[1], P, atol=1e-12), "a rejected measurement must leave P as it is, too.")
+
+
+def _is_step(found: object) -> bool:
+    """Whether a state (3,) and a covariance (3, 3) were returned."""
+    return isinstance(found, (tuple, list)) and [np.shape(part) for part in found] == [(3,), (3, 3)]
+
+
+def _call(correct_state: Correct, z: np.ndarray) -> Any:
+    return correct_state(STATE.copy(), P.copy(), z.copy(), R.copy(), H.copy())
+
+
+def _correct(z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    gain = P @ H.T @ np.linalg.inv(H @ P @ H.T + R)
+    return STATE + gain @ (z - H @ STATE), P - gain @ H @ P
+
+
+def _distance(z: np.ndarray) -> float:
+    """Squared Mahalanobis distance of a measurement from its prediction."""
+    innovation = z - H @ STATE
+    return float(innovation @ np.linalg.solve(H @ P @ H.T + R, innovation))
+
+
+CHECKS: Checks = {
+    "9.1": check_pitch_error,
+    "10.1": check_stripe_response,
+    "11.1": check_known_width,
+    "12.1": check_noise,
+    "12.2": check_gate,
+}

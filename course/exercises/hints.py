@@ -1,0 +1,58 @@
+"""How a check tells what is wrong with an answer: it raises a `HintError`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Answer = TypeVar("Answer")
+# The checks by exercise: each takes the answer, and by name what the exercise gives it. It returns a sentence with the
+# number reached, for example "3.58 m (truth 3.66 m).", or raises a `HintError`.
+Checks = dict[str, Callable[..., str]]
+
+
+class HintError(Exception):
+    """The answer is wrong; the sentence describes it and names the next step."""
+
+
+def require(fulfilled: object, sentence: str) -> None:
+    """Raise a `HintError` unless a condition is fulfilled."""
+    if not fulfilled:
+        raise HintError(sentence)
+
+
+def tried(answer: Answer | None) -> Answer:
+    """The answer; the starter of an exercise is None, or a function that returns None."""
+    if answer is None:
+        raise HintError("not tried yet.")
+    return answer
+
+
+def require_shape(answer: Any, shape: tuple[int, ...], what: str) -> Any:
+    """The answer as an array of this shape, or as a number if that is (); `what` is the sentence for another shape."""
+    require(np.shape(answer) == shape, f"{what}; yours has the shape {np.shape(answer)}.")
+    return np.asarray(answer, float)[()]
+
+
+def require_equal(
+    found: ArrayLike,
+    true: ArrayLike,
+    mistakes: Mapping[str, ArrayLike],
+    otherwise: str,
+    *,
+    said: str = "",
+    rtol: float = 0,
+    atol: ArrayLike = 0,
+) -> None:
+    """Raise a `HintError` unless the numbers found are the true ones.
+
+    It is the sentence of the mistake that leads to the numbers found, else `otherwise`, after the words `said`.
+    """
+    for sentence, numbers in {"": true, **mistakes}.items():
+        if np.shape(found) == np.shape(numbers) and np.isclose(found, numbers, rtol, atol).all():
+            require(not sentence, said + sentence)
+            return
+    raise HintError(said + otherwise)
