@@ -231,7 +231,7 @@ class Camera(ByValue):
         Raises CameraError if the camera has a pose, which is one for upright images already.
         """
         if self.pose is not None:
-            raise CameraError("a camera with a pose is not turned; its images are upright.")
+            raise CameraError("a camera with a pose cannot be turned: its pose is that of upright images.")
         if orientation == 1:
             return self
         if self.matrix[0, 1]:

@@ -218,7 +218,7 @@ class Detect:
         if options.each and options.sequence:
             raise ValueError("--sequence is for stills of one camera; omit it, or omit --each.")
         if options.each and sources.videos:
-            raise ValueError(f"{sources.videos[0]}: is no still; omit it, or omit --each.")
+            raise ValueError(f"{sources.videos[0]}: is a video, and --each is for stills; omit one of them.")
         require_no_input_among([options.output], sources.files)
         settings = _read_settings(options, sources)
         failures: list[LaneError] = []
@@ -471,7 +471,7 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
         if paths:
             print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
     if options.lens and options.hfov is None:
-        raise ValueError("--lens is that of a field of view; give --hfov as well, or omit it.")
+        raise ValueError("--lens needs a field of view; give --hfov as well, or omit --lens.")
     require_topic(sources.files, options.topic)
     camera = field = None
     quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)

@@ -119,7 +119,7 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
     else:
         raise ValueError(f"{path}: two labels or two predictions are for the same picture; remove one.")
     if labels and not both:
-        raise ValueError(f"{path}: no prediction is for a labelled picture; the names in raw_file must agree.")
+        raise ValueError(f"{path}: has no prediction for any labelled image; raw_file must be the same in both files.")
     by_name = dict(zip(found, predictions, strict=True))
     return [by_name.get(name) for name in names]
 
@@ -158,7 +158,7 @@ def _parse(name: str, h_samples: object, entry: dict) -> LaneColumns:
     if not name or rows.ndim != 1 or columns.ndim != 2 or columns.shape[1] != len(rows):
         raise ValueError(f"raw_file {name!r}, h_samples of shape {rows.shape}, lanes of shape {columns.shape}")
     if not ((rows >= 0) & (rows < MAX_PIXELS)).all() or not (np.abs(columns) < MAX_PIXELS).all():
-        raise ValueError("a point is outside of any picture")
+        raise ValueError("a point is outside the image")
     if len(sides) not in (0, len(columns)) or not 0 <= (confidence or 0) <= 1:
         raise ValueError("sides does not name each of the lanes, or confidence is not a number from 0 to 1")
     run_time = entry.get("run_time")

@@ -126,7 +126,7 @@ def find_edge_direction(images: Iterable[np.ndarray], camera: Camera) -> Directi
     votes = sum((_vote_of_edges(image, camera) for image in images), np.zeros((len(_PITCHES_RAD), len(_YAWS_RAD))))
     pitch_penalty = 0.5 * (_PITCHES_RAD / AHEAD.pitch_std_rad)[:, None] ** 2
     log_prior = -pitch_penalty - 0.5 * (_YAWS_RAD / AHEAD.yaw_std_rad) ** 2
-    # two votes for each factor e: chosen so that errors and standard deviations agree on real drives
+    # A vote adds 1/2 to the log posterior: then errors and standard deviations agree on real drives.
     log_posterior = votes / 2.0 + log_prior
     posterior = np.exp(log_posterior - log_posterior.max())
     of_pitch, of_yaw = posterior.sum(axis=1), posterior.sum(axis=0)

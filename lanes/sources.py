@@ -61,7 +61,7 @@ def find_sources(names: Iterable[str]) -> Sources:
             raise FileNotFoundError(f"{name}: holds neither a video nor an image; name another folder.")
         files |= {path: kind for path, kind in kinds.items() if kind}
     if skipped and not files:
-        raise FileNotFoundError(f"{skipped[0]}: was written by annotate; name the log that it is of.")
+        raise FileNotFoundError(f"{skipped[0]}: was written by annotate; give the log that it was made from.")
     videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "image"))
     return Sources(videos, stills, tuple(skipped))
 

@@ -103,7 +103,7 @@ def test_files_that_cannot_be_paired_are_refused(tmp_path):
         read_predictions(found, read_labels(write(tmp_path, one, one)))
     with pytest.raises(ValueError, match=r"found.jsonl: two labels or two predictions are for the same picture"):
         read_predictions(write(tmp_path, one, one, name="found.jsonl"), read_labels(write(tmp_path, one)))
-    with pytest.raises(ValueError, match=r"labels.jsonl: no prediction is for a labelled picture"):
+    with pytest.raises(ValueError, match=r"labels.jsonl: has no prediction for any labelled image"):
         read_predictions(write(tmp_path, other), read_labels(found) and [LaneColumns("c.png", ROWS, np.empty(0))])
 
 

@@ -254,7 +254,7 @@ def test_the_own_messages_are_no_source(tmp_path, run):
         assert status == 0 and "note: skipped, written by annotate" in err and "drive.lane.mcap" in err
         assert out.count("frames, confidence 0.9 or more") == 1
     status, _, err = run(*common, tmp_path / "drive.lane.mcap")
-    assert status == 2 and "was written by annotate; name the log" in err
+    assert status == 2 and "was written by annotate; give the log" in err
 
 
 # Pixels.

@@ -116,7 +116,7 @@ def read_onnx(file: Path, digest: str = "") -> OnnxFile:
         raise LaneError(f"{file}: cannot parse onnx: it is cut off, or no ONNX file; export it again.") from error
     found = hashlib.sha256(data).hexdigest()
     if digest not in ("", found):
-        raise LaneError(f"{file}: is another network than at the start, or on this machine; use one file for a run.")
+        raise LaneError(f"{file}: changed during the run, or differs between machines; use one file for a run.")
     return OnnxFile(data, found, form)
 
 

@@ -245,14 +245,14 @@ def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fracti
     """Frames per second, without jumps in time; raises VideoError if there is no frame rate, or one not usable."""
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
-        raise VideoError(f"{path}: does not say its frame rate; convert it to mp4 first.")
+        raise VideoError(f"{path}: has no frame rate; convert it to mp4 first.")
     if _has_jumps(stream):
         steps = np.diff(stamps)
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():
             rate = Fraction(1 / float(usual.mean() * stream.time_base)).limit_denominator(1001)
     if not MIN_FPS <= rate <= MAX_FPS:
-        raise VideoError(f"{path}: says that it has {float(rate):g} frames per second; convert it to mp4 first.")
+        raise VideoError(f"{path}: states an implausible {float(rate):g} frames per second; convert it to mp4 first.")
     return rate
 
 

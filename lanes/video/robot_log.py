@@ -177,7 +177,7 @@ def _open_database(path: Path, opened: ExitStack) -> _OpenFile:
         if mode != "mode=ro":
             raise
         fault = f"its recorder was killed, and its log {log.name} cannot be read"
-        raise VideoError(f"{path}: {fault}; copy both into a folder that may be written to.") from error
+        raise VideoError(f"{path}: {fault}; copy both into a folder with write permission.") from error
     counts = dict(database.execute("SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"))
 
     def read(numbers: list[int], start_ns: int) -> Iterator[tuple[int, bytes]]:

@@ -132,5 +132,5 @@ def test_times_continue_after_a_clock_reset(tmp_path):
 def test_impossible_frame_rates_are_refused(tmp_path, fps):
     path = tmp_path / "odd.mp4"
     make_video(path, 3, fps=fps)
-    with pytest.raises(VideoError, match=r"odd\.mp4: says that it has .* frames per second"):
+    with pytest.raises(VideoError, match=r"odd\.mp4: states an implausible .* frames per second"):
         inspect_video(path)
