@@ -200,7 +200,7 @@ MISUSE = {
     "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
     "detect: odd lens": (2, "expected a number from 10 to 150", "detect --hfov 5 {drive}/sky"),
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
-    "detect: each of a video": (2, "drive.mp4: is a video, and --each is for stills", "detect --each {drive}/drive.mp4"),
+    "detect: each of a video": (2, "is a video, and --each is for stills", "detect --each {drive}/drive.mp4"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
     "explain: bad minutes": (2, "1:75: expected less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
     "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
