@@ -20,8 +20,8 @@ POINT_PX, PAINT_PX = 2.0, 0.7
 # A usual camera: focal length, and the horizon above the highest point, in image heights; its own height in metres.
 FOCAL, TO_HORIZON, CAMERA_M = 1.5, 0.04, 1.4
 # Standard deviations of the curvature at the car, 1/m, and of its change over a metre, 1/m^1.5. With a third of the
-# latter the line of a hairpin of 25 m is 4.5 px off instead of 1.8, with three times as much that of a bend of 200 m
-# 0.52 px instead of 0.42.
+# latter the line of a painted hairpin of 25 m is 2.2 px off (RMS) instead of 1.6, with three times as much that of a
+# bend of 200 m is 0.54 px off instead of 0.40.
 CURVATURE, CURVATURE_CHANGE = 0.05, 0.001
 MIN_CONTRAST, MIN_RATIO = 8.0, 4.0  # of paint with both its sides: grey levels, and times the noise
 
