@@ -80,7 +80,8 @@ class TrackerSettings:
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
-    # After this time without a likely lane the second and the third grow with it, to at most this number of times.
+    # After this time without a likely lane the second and the third grow with it, to at most this number of times, and
+    # no frame in between is searched.
     patience_s: float = 5.0
     slowest: float = 4.0
     challenger_margin: float = 0.1
@@ -292,7 +293,7 @@ class LaneTracker:
         due = self._since_search_s >= (s.search_period_s if sure else self._slower * s.start_period_s) - 0.5 / self.fps
         if due:
             self._since_search_s = 0.0
-        return due or not seen, due and not sure
+        return due or (not seen and self._slower == 1.0), due and not sure
 
     def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
         """Take the updated estimate; coast on it if the lane is not seen, or give it up."""

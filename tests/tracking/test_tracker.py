@@ -6,13 +6,16 @@ from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import pytest
 
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane
 from lanes.detect.road import SIDES
 from lanes.errors import LaneError
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
+from simulator.not_roads import not_a_road
 from simulator.rendering.drive import Motion
 from simulator.road.truth import Truth
 from tests.support.painted_drive import (
@@ -204,6 +207,16 @@ def test_the_inner_stripe_of_a_double_line_bounds_the_lane_from_the_first_pictur
     assert max(lateral_error_m(lane, truth) for _, lane, truth in frames) < 0.04
     first = frames[0][1]
     assert first.left.double and not first.right.double and first.left.colour == "yellow"
+
+
+def test_where_no_lane_is_likely_for_some_time_few_frames_are_searched():
+    image = cv2.resize(not_a_road("room", 2), SMALL.size)
+    tracker, searched, likely = LaneTracker(SMALL, fps=10), [], []
+    for _ in range(90):
+        lane = tracker.update(image)
+        searched.append(tracker.search is not None)
+        likely.append(lane is not None and lane.confidence >= LIKELY_CONFIDENCE)
+    assert not any(likely) and all(searched[:30]) and 2 <= sum(searched[-30:]) <= 15
 
 
 def test_speed_is_found_or_taken():
