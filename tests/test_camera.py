@@ -215,7 +215,7 @@ def test_a_camera_is_turned_as_the_images_are(tmp_path, orientation):
     pixels = np.indices(image.shape[:2])[::-1].reshape(2, -1).T
     expected = camera.rays(on_sensor.reshape(-1, 2))[:, :2] @ axes.T
     np.testing.assert_allclose(turned.rays(pixels)[:, :2], expected, atol=1e-9)
-    with pytest.raises(CameraError, match="with a pose is not turned"):
+    with pytest.raises(CameraError, match="with a pose cannot be turned"):
         DASHCAM.turned(orientation)
 
 
