@@ -16,7 +16,7 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.describe import describe_bend
-from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses, log_odds_terms
+from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses
 from lanes.detect.evidence import Evidence
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
@@ -102,8 +102,7 @@ class Explanation(ByValue):
         """Lines of text: the lane, the terms of its confidence, the weakest evidence, the best rejected lanes."""
         words = {"state": LOST}
         if self.lane:
-            terms = log_odds_terms(self.lane.features)
-            terms["constant"] += self.lane.confidence_shift
+            terms = self.lane.log_odds_terms
             total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
             odds = f"log odds {sum(terms.values()):+.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}

@@ -289,9 +289,15 @@ class Lane(ByValue):
         )
 
     @property
+    def log_odds_terms(self) -> dict[str, float]:
+        """What contributes to `log_odds`, by name; the constant includes `confidence_shift`."""
+        terms = log_odds_terms(self.features)
+        return terms | {"constant": terms["constant"] + self.confidence_shift}
+
+    @property
     def log_odds(self) -> float:
         """Logarithm of the odds that the lane is correct."""
-        return sum(log_odds_terms(self.features).values()) + self.confidence_shift
+        return sum(self.log_odds_terms.values())
 
     @cached_property
     def confidence(self) -> float:
