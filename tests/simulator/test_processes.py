@@ -33,8 +33,8 @@ def reciprocal(number: int) -> float:
 
 def write_slowly(path: Path) -> None:
     """Write a file, wait for the interrupt, remove the file."""
-    path.write_text("unfinished")
     try:
+        path.write_text("unfinished")
         time.sleep(60)
     finally:
         path.unlink()
