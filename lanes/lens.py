@@ -40,6 +40,8 @@ def _distort_brown(
     x: np.ndarray, y: np.ndarray, k1: float, k2: float, p1: float, p2: float, k3: float, *denominator: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """The distortion of Brown and Conrady, also with a denominator k4, k5, k6."""
+    if not any((k1, k2, p1, p2, k3, *denominator)):
+        return x, y
     r2 = x * x + y * y
     r4 = r2 * r2
     radial = 1 + k1 * r2 + k2 * r4 + k3 * (r4 * r2)
