@@ -12,6 +12,9 @@ from math import exp
 
 import numpy as np
 
+from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.paint import Stripes
+
 # A place of the picture is static if it is occupied in this share of the samples, of which this number is needed.
 MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
 # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
@@ -22,19 +25,39 @@ MEMORY = 30.0
 
 
 class StaticPattern:
-    """Counts how often each place of a grid (rows, columns) is occupied, over samples of a drive.
+    """Counts how often stripes lie at each place of a view, over samples of a drive, `period_s` apart.
 
-    A place also counts as occupied if one of its neighbours in the same row is.
+    Places are the rows of the view, which is the widest one, and columns of a width of `column_m`. A place also counts
+    as occupied if one of its neighbours in the same row is.
     """
 
-    def __init__(self, rows: int, columns: int) -> None:
-        self._counts = np.zeros((rows, columns), np.float32)
+    def __init__(self, view: BirdsEyeView, column_m: float, period_s: float) -> None:
+        self._left_m, self._column_m = view.y_m[0], column_m
+        self._period_s = self._since_sample_s = period_s
+        self._counts = np.zeros((view.shape[0], self._columns(view.y_m)[-1] + 1), np.float32)
         # samples that saw a column
-        self._samples = np.zeros(columns)
-        self._previous, self._previous_seen = np.zeros((rows, columns), bool), slice(0, 0)
+        self._samples = np.zeros(self._counts.shape[1])
+        self._previous, self._previous_seen = np.zeros(self._counts.shape, bool), slice(0, 0)
 
-    def add(self, row: np.ndarray, column: np.ndarray, *, seen: slice = slice(None)) -> None:
-        """Count a sample with occupied places (N,), which sees the columns `seen` of the grid.
+    def update(self, stripes: Stripes, view: BirdsEyeView, elapsed_s: float) -> tuple[np.ndarray, bool]:
+        """Which stripes (N,) lie at places that are occupied in most samples, and whether they are a sample now."""
+        row, column = stripes.row, self._columns(stripes.y_m)
+        samples = self._samples[column]
+        static = (samples >= MIN_SAMPLES) & (self._counts[row, column] >= MIN_SHARE * samples)
+        self._since_sample_s += elapsed_s
+        sampled = self._since_sample_s >= self._period_s
+        if sampled:
+            first, last = self._columns(view.y_m[[0, -1]])
+            self._add(row, column, slice(first, last + 1))
+            self._since_sample_s = 0.0
+        return static, sampled
+
+    def _columns(self, y_m: np.ndarray) -> np.ndarray:
+        """Columns at lateral positions."""
+        return np.round((self._left_m - y_m) / self._column_m).astype(int)
+
+    def _add(self, row: np.ndarray, column: np.ndarray, seen: slice) -> None:
+        """Count a sample with occupied places (N,), which sees the columns `seen`.
 
         It does not count if it shows nearly the same places as the sample before.
         """
@@ -53,8 +76,3 @@ class StaticPattern:
         self._counts[:, seen] += occupied[:, seen]
         self._samples[seen] *= kept
         self._samples[seen] += 1
-
-    def is_static(self, row: np.ndarray, column: np.ndarray) -> np.ndarray:
-        """(N,) bool: the places are occupied in most samples."""
-        samples = self._samples[column]
-        return (samples >= MIN_SAMPLES) & (self._counts[row, column] >= MIN_SHARE * samples)

@@ -22,7 +22,6 @@ from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.fit import Fit
 from lanes.detect.lane import COASTING, LOST, SEARCHING, TRACKING, FarEvidence, Lane, LineEvidence
 from lanes.detect.markings import Markings, find_mask
-from lanes.detect.paint import Stripes
 from lanes.detect.road import CENTRE, LEFT_SIDE, RIGHT_SIDE, WIDTH, lateral_gradients, lateral_std_m
 from lanes.detect.search import (
     DetectorSettings,
@@ -188,9 +187,9 @@ class LaneTracker:
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
-        self._static = StaticPattern(self.view.shape[0], self._static_columns(self._views[-1].y_m)[-1] + 1)
-        self._since_static_s, self._lane_moves = self.settings.static_period_s, False
-        self._since_pose_s, self._unlikely_s = self.settings.pose_period_s, 0.0
+        s = self.settings
+        self._static, self._lane_moves = StaticPattern(self._views[-1], s.static_column_m, s.static_period_s), False
+        self._since_pose_s, self._unlikely_s = s.pose_period_s, 0.0
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -259,17 +258,17 @@ class LaneTracker:
             self._follow(estimate, fit, evidence, self._lane, elapsed_s)
         if search:
             self._compare(challenger)
-        self._since_pose_s += elapsed_s
-        likely = self._lane is not None and self._lane.confidence >= LIKELY_CONFIDENCE
-        self._unlikely_s = 0.0 if likely else self._unlikely_s + elapsed_s
-        self._try_other_pose(image)
+        self._try_other_pose(image, elapsed_s)
         return self._lane
 
-    def _try_other_pose(self, image: np.ndarray) -> None:
+    def _try_other_pose(self, image: np.ndarray, elapsed_s: float) -> None:
         """While no lane is likely, look for one with a camera pose from this image alone, and go on with its pose."""
         confidence = self._lane.confidence if self._lane else 0.0
+        likely = confidence >= LIKELY_CONFIDENCE
+        self._since_pose_s += elapsed_s
+        self._unlikely_s = 0.0 if likely else self._unlikely_s + elapsed_s
         due = self._since_pose_s >= self._slower * self.settings.pose_period_s
-        if self.find_pose is None or not due or confidence >= LIKELY_CONFIDENCE:
+        if self.find_pose is None or likely or not due:
             return
         still = self.find_pose(image)
         if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
@@ -416,17 +415,9 @@ class LaneTracker:
         Every `static_period_s` the evidence is a sample of what never moves. Nothing is left out unless a search finds
         a lane that moves: on a straight road without any sway, as in some simulators, solid lines do not move either.
         """
-        stripes, y_m = evidence.stripes, evidence.view.y_m
-        places = self._static_places(stripes)
-        static = self._static.is_static(*places)
-        self._since_static_s += elapsed_s
-        sample = self._since_static_s >= self.settings.static_period_s
-        if sample:
-            first, last = self._static_columns(y_m[[0, -1]])
-            self._static.add(*places, seen=slice(first, last + 1))
-            self._since_static_s = 0.0
+        static, sample = self._static.update(evidence.stripes, evidence.view, elapsed_s)
         if static.any():
-            moving, lane = replace(evidence, stripes=stripes.select(~static)), None
+            moving, lane = replace(evidence, stripes=evidence.stripes.select(~static)), None
             if search or (sample and not self._lane_moves):
                 lane = self._search(moving)
                 if lane is not None and lane.score >= self.settings.min_score:
@@ -444,14 +435,6 @@ class LaneTracker:
         """The lane found in the evidence without memory."""
         self.search = search_lane(evidence, self.settings.detector)
         return self.search.lane if self.search else None
-
-    def _static_places(self, stripes: Stripes) -> tuple[np.ndarray, np.ndarray]:
-        """Rows and columns of the static pattern at which stripes lie."""
-        return stripes.row, self._static_columns(stripes.y_m)
-
-    def _static_columns(self, y_m: np.ndarray) -> np.ndarray:
-        """Columns of the static pattern at lateral positions."""
-        return np.round((self._views[-1].y_m[0] - y_m) / self.settings.static_column_m).astype(int)
 
     def _narrowest_view(self, lane: Lane | None, least: BirdsEyeView) -> BirdsEyeView:
         """The narrowest view that contains both lines of a lane, not narrower than another one."""
