@@ -27,6 +27,7 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
 from lanes.detect.search import DetectorSettings, StillDetection
+from lanes.detect.votes import sums_of_products
 from lanes.stills import HEIGHT_RANGE_M, search_at_heights
 
 # Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard deviation of 4.8 degrees on them.
@@ -149,19 +150,16 @@ def _vote_of_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
     length = np.hypot(*along.T)
     # roads are not quite straight, by 1 degree; ends are known to 1.5 px at a focal length of 1000 px
     std = np.hypot(np.radians(1.0), 0.0015 / length)
-    # for each point the squared distance, and the distance from the line through the edge, in float32: there are 5000
-    # points; the centre of the image is near them, so that the differences of squares stay exact
-    x = np.tan(_YAWS_RAD) / np.cos(_PITCHES_RAD)[:, None]
-    y = np.broadcast_to(-np.tan(_PITCHES_RAD)[:, None], x.shape)
-    points = np.stack([x, y, np.ones_like(x), x * x + y * y], axis=-1).astype(np.float32)
-    across = np.stack([along[:, 1], -along[:, 0], along[:, 0] * middle[:, 1] - along[:, 1] * middle[:, 0]])
-    of_edges = -2 * middle[:, 0], -2 * middle[:, 1], (middle**2).sum(axis=1), np.ones(len(middle))
-    squared_distance = points @ np.stack(of_edges).astype(np.float32)
-    angle = points[..., :3] @ (across / (length * std)).astype(np.float32)
-    agreement = np.exp(-0.5 * angle**2 / np.maximum(squared_distance, np.float32(0.05**2)))
+    x = (np.tan(_YAWS_RAD) / np.cos(_PITCHES_RAD)[:, None]).ravel()
+    y, one = np.repeat(-np.tan(_PITCHES_RAD), len(_YAWS_RAD)), np.ones(len(x))
+    # of each point from each edge: squared distance, and distance across the edge, in standard deviations of the angle
+    of_edges = (middle**2).sum(axis=1), *(-2 * middle.T), np.ones(len(middle))
+    square = sums_of_products((one, x, y, x * x + y * y), of_edges)
+    to_x, to_y = along.T / (length * std)
+    across = sums_of_products((x, y, one), (to_y, -to_x, to_x * middle[:, 1] - to_y * middle[:, 0]))
     # an edge that contains the point does not lead there
-    agreement *= squared_distance > (length**2 / 4).astype(np.float32)
-    return agreement @ np.minimum(length / 0.05, 4.0).astype(np.float32)
+    points = np.exp(-0.5 * across**2 / np.maximum(square, 0.05**2)) * (square > length**2 / 4)
+    return (points @ np.minimum(length / 0.05, 4.0).astype(np.float32)).reshape(len(_PITCHES_RAD), -1)
 
 
 def _mode_and_std(values: np.ndarray, density: np.ndarray) -> tuple[float, float]:

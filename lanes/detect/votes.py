@@ -111,15 +111,15 @@ def _distances_and_agreement(x, y, angle, angle_std, heading, curvature) -> tupl
     """
     sin, cos = np.sin(heading), np.cos(heading)
     across, front = np.sin(angle), np.cos(angle)
-    twice = _sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
+    twice = sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
     of_stripes = front / angle_std, across / angle_std, (x * front + y * across) / angle_std
-    angle_residual = _sums_of_products((sin, -cos, curvature), of_stripes)
+    angle_residual = sums_of_products((sin, -cos, curvature), of_stripes)
     squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
     return twice / (1 + np.sqrt(squared_scale)), np.square(squared_scale / (angle_residual**2 + squared_scale))
 
 
-def _sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
-    """(hypotheses, stripes) sums over pairs of factors, float32."""
+def sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
+    """(hypotheses, stripes) float32: sums over pairs of factors, one of each hypothesis, the other of each stripe."""
     return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
 
 
