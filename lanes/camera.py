@@ -270,7 +270,7 @@ class Camera(ByValue):
         """Raw pixels (N, 2) for pixels (N, 2) of the undistorted image."""
         pixels = np.asarray(pixels, float).reshape(-1, 2)
         xy = (pixels - self.matrix[:2, 2]) @ np.linalg.inv(self.matrix[:2, :2]).T
-        return self._project(np.array([*xy.T, np.ones(len(pixels))]))
+        return self._project(np.column_stack([xy, np.ones(len(pixels))]))
 
     def distort_line(self, points: np.ndarray, *, step_px: float = 8.0) -> np.ndarray:
         """Raw pixels (M, 2) of a polyline (N, 2) of the undistorted image, bent as the lens bends its straight pieces.
@@ -302,9 +302,10 @@ class Camera(ByValue):
         NaN for points behind the camera or outside the range of the lens model (`largest_ray`).
         """
         pose = self.require_pose()
-        points = np.asarray(points_m, float).T
-        rotation, camera = pose.rotation, np.array([[0], [0], [pose.height_m]])
-        return self._project(rotation[:, : len(points)] @ points - rotation @ camera)
+        points = np.asarray(points_m, float)
+        if points.shape[-1] == 2:
+            points = np.column_stack([points, np.zeros(len(points))])
+        return self._project((points - [0, 0, pose.height_m]) @ pose.rotation.T)
 
     def pixels_to_road(self, pixels: np.ndarray) -> np.ndarray:
         """Points (N, 2) on the flat road, metres, of raw pixels (N, 2); NaN at and above the horizon."""
@@ -333,14 +334,14 @@ class Camera(ByValue):
         return largest_ray(*self.distortion.tolist())
 
     def _project(self, points: np.ndarray) -> np.ndarray:
-        """Raw pixels (N, 2) of points (3, N) in camera axes by the lens model; NaN where it does not hold.
+        """Raw pixels (N, 2) of points (N, 3) in camera axes by the lens model; NaN where it does not hold.
 
         They are those of cv2.projectPoints, which also computes derivatives and takes ten times as long.
         """
-        x, y, z = points
+        x, y, z = points.T
         visible = (z > 1e-6) & (np.hypot(x, y) < self.largest_ray * z)
-        z = np.where(visible, z, np.nan)
-        x, y = x / z, y / z
+        inverse = 1 / np.where(visible, z, np.nan)
+        x, y = x * inverse, y * inverse
         u, v = self.model.distort(x, y, *self.distortion.tolist())
         (fx, skew, cx), (_, fy, cy) = self.matrix[:2]
         return np.column_stack([u * fx + v * skew + cx if skew else u * fx + cx, v * fy + cy])

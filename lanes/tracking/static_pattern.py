@@ -34,10 +34,11 @@ class StaticPattern:
     def __init__(self, view: BirdsEyeView, column_m: float, period_s: float) -> None:
         self._left_m, self._column_m = view.y_m[0], column_m
         self._period_s = self._since_sample_s = period_s
-        self._counts = np.zeros((view.shape[0], self._columns(view.y_m)[-1] + 1), np.float32)
+        shape = len(view.x_m), int(self._columns(view.y_m)[-1]) + 1
+        self._counts = np.zeros(shape, np.float32)
         # samples that saw a column
-        self._samples = np.zeros(self._counts.shape[1])
-        self._previous, self._previous_seen = np.zeros(self._counts.shape, bool), slice(0, 0)
+        self._samples = np.zeros(shape[1])
+        self._previous, self._previous_seen = np.zeros(shape, bool), slice(0, 0)
 
     def update(self, stripes: Stripes, view: BirdsEyeView, elapsed_s: float) -> tuple[np.ndarray, bool]:
         """Which stripes (N,) lie at places that are occupied in most samples, and whether they are a sample now."""
