@@ -24,7 +24,6 @@ from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, C
 from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
-from lanes.detections import detect_in_sequence, detect_in_stills, detect_in_video
 from lanes.draw import STYLES
 from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.errors import CameraError, LaneError, PoseError
@@ -32,16 +31,21 @@ from lanes.explanation import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
 from lanes.images import kind_of_file, read_image, write_image
-from lanes.labels import find_picture, read_labels, read_predictions
+from lanes.labels import (
+    detect_in_sequence,
+    detect_in_stills,
+    detect_in_video,
+    find_picture,
+    read_labels,
+    read_predictions,
+)
 from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
-from lanes.report.score_page import write_score_page
-from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables
+from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
 from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.container import count_missing
-from lanes.video.process import read_frames
-from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video
+from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video, read_frames
 
 
 class Calibrate:
@@ -310,7 +314,7 @@ class Label:
 
     def run(self, options: argparse.Namespace) -> int:
         try:
-            from lanes.label.server import label_stills
+            from lanes.label import label_stills
         except ImportError as error:
             raise OSError("label needs tornado, which is not installed; run pip install 'tornado>=6.6.1'.") from error
         sources = find_sources(map(str, options.files))

@@ -32,14 +32,14 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report.page import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
+from lanes.report import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
-from lanes.video.process import process_video, read_frames
-from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video
+from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video, read_frames
 from lanes.video.robot_log import index_log
+from lanes.video.writer import process_video
 
 SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
 

@@ -14,15 +14,21 @@ labelled point count.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.describe import number_cells
 from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
-from lanes.labels import SAME_ROW_PX, LaneColumns
+from lanes.images import read_image
+from lanes.labels import SAME_ROW_PX, LaneColumns, find_picture
+from lanes.report import fill_page
 
 # TuSimple's tolerance of a point, accuracy of a matched line, and size of its stills. A line with fewer labelled
 # points than the last number has no reliable direction and is not scored.
@@ -180,3 +186,40 @@ def describe_predictions(
         (f"predictions end before labelled rows, which count as missing (rows {rows})", lacking),
         (f"predictions took more than {_MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
     ]
+
+
+# The page: its tables, and the worst stills with labels and predictions, which its script draws.
+
+# Largest size of the stills in the page, and their JPEG quality: about 100 kB each.
+_MAX_SIZE_PX, _JPEG_QUALITY = (960, 960), 80
+
+
+def write_score_page(
+    path: Path, folder: Path, scores: Sequence[StillScore], tables: Mapping[str, Table], words: Mapping[str, str]
+) -> Path:
+    """Write the page of scores of stills in a folder, with their `score_tables`, a title and notes; returns `path`."""
+    stills = [
+        _still(s, find_picture(folder, name)) for name in tables["worst stills"] for s in scores if s.label.name == name
+    ]
+    data = {"tables": {name: number_cells(rows) for name, rows in tables.items()}, "stills": stills}
+    return fill_page(path, "score", {name: escape(text) for name, text in words.items()}, data)
+
+
+def _still(score: StillScore, picture: Path) -> dict:
+    """A still with its lines for the script; without JPEG data if its file is missing."""
+    from PIL import Image
+
+    jpeg = BytesIO()
+    if picture.is_file():
+        image = Image.fromarray(read_image(picture))
+        image.thumbnail(_MAX_SIZE_PX)
+        image.save(jpeg, "JPEG", quality=_JPEG_QUALITY)
+    lanes = [(lane.rows, lane.columns, lane.ego_lane(score.size).columns) for lane in (score.label, score.prediction)]
+    return {
+        "name": score.label.name,
+        "right": score.right,
+        "confidence": score.prediction.confidence,
+        "size": score.size,
+        "lanes": [[array.tolist() for array in lane] for lane in lanes],
+        "jpeg": base64.b64encode(jpeg.getvalue()).decode(),
+    }

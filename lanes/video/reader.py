@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, field
 from fractions import Fraction
@@ -17,6 +19,7 @@ from pathlib import Path
 import av
 import numpy as np
 from av.video.reformatter import VideoReformatter
+from tqdm import tqdm
 
 from lanes.errors import ByValue, VideoError, require_number
 from lanes.images import make_upright
@@ -37,6 +40,8 @@ from lanes.video.robot_log import index_log, is_robot_log, read_log
 
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
 STAMP_TOLERANCE_S = 1e-3
+# Frames that wait between two threads. One would be enough if every step took constant time.
+QUEUE_SIZE = 3
 MIRRORED_WORDS = (
     "is shown mirrored, as its display matrix says: if the road is mirrored, too, left and right are exchanged; remove "
     "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
@@ -98,6 +103,29 @@ def read_timed_frames(
     if last_s is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
         raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
+
+
+def read_frames(
+    path: str | Path, info: VideoInfo, *, start_s: float = 0.0, end_s: float | None = None, progress: bool = False
+) -> Generator[TimedFrame]:
+    """The frames of `read_timed_frames`; another thread reads up to `QUEUE_SIZE` in advance.
+
+    With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
+    """
+    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
+    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
+    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+    items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
+    with (
+        closing(items),
+        ThreadPoolExecutor(1) as thread,
+        tqdm(total=max(expected, 0), unit="frame", disable=not (progress and interactive)) as bar,
+    ):
+        waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
+        while (frame := waiting.popleft().result()) is not None:
+            waiting.append(thread.submit(next, items, None))
+            yield frame
+            bar.update()
 
 
 def _read_log(

@@ -12,9 +12,8 @@ from lanes.errors import VideoError
 from lanes.images import MAX_PIXELS
 from lanes.video import container
 from lanes.video.container import open_video
-from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_timed_frames, read_video
-from lanes.video.writer import VideoWriter
+from lanes.video.writer import VideoWriter, process_video
 from tests.video.sample_videos import encode, make_video, number_of, numbered, unchanged
 
 
