@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import lanes
+from lanes.__main__ import Annotate
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
-from lanes.cli import Annotate
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
