@@ -6,6 +6,7 @@ import argparse
 import math
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -106,7 +107,9 @@ def run_command(command: Any, program: str, arguments: list[str]) -> int:
     command.add_arguments(parser)
     options = parser.parse_args(arguments)
     try:
-        return command.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
+            return command.run(options)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return error_status(error)

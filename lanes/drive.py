@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext, suppress
@@ -89,7 +90,7 @@ class DriveSettings:
         if camera is None:
             field = self.field_of(file)
             if doubt := field.doubt_about(size):
-                print(f"warning: {file}: {doubt}.", file=sys.stderr)
+                warnings.warn(f"{file}: {doubt}.", stacklevel=1)
             return field.camera(size)
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
@@ -346,12 +347,12 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     count, missing = written.frames, written.missing
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
-    warnings = _find_warnings(info, camera, settings, telemetry)
+    doubts = _find_warnings(info, camera, settings, telemetry)
     other_poses = _describe_other_poses(telemetry, camera.require_pose())
     if not other_poses:  # with another pose for a part of the drive, its angles cannot be compared
-        warnings += _find_moved_camera(pose, telemetry)
+        doubts += _find_moved_camera(pose, telemetry)
     if info.has_audio and not written.has_audio:
-        warnings.append(f"its sound cannot be decoded; {target} has no sound")
+        doubts.append(f"its sound cannot be decoded; {target} has no sound")
     if settings.report:
         page = target.with_suffix(".html")
         write_report(
@@ -360,7 +361,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             video=target,
             telemetry=telemetry,
             settings=_describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"},
-            warnings=[*_pose_warnings(video, pose, settings), *warnings],
+            warnings=[*_pose_warnings(video, pose, settings), *doubts],
             command=_explain_command(video, settings),
         )
         outputs += (page,)
@@ -370,7 +371,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
-    lines += [f"{video}: {words}" for words in (*other_poses, *warnings)]
+    lines += [f"{video}: {words}" for words in (*other_poses, *doubts)]
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 

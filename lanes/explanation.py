@@ -103,8 +103,8 @@ class Explanation(ByValue):
         words = {"state": LOST}
         if self.lane:
             terms = self.lane.log_odds_terms
-            total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
-            odds = f"log odds {sum(terms.values()):+.2f} = {total}"
+            total = " ".join(f"{term:+z.2f} ({name})" for name, term in terms.items())
+            odds = f"log odds {sum(terms.values()):+z.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
             words["weakest"], _ = _weakest_evidence(self.lane, "")
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
