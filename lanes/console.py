@@ -15,6 +15,8 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
+from lanes.errors import PoseError
+
 
 def require_opencv() -> None:
     """Raise ImportError if the installed OpenCV is too old; a command ends with its sentence."""
@@ -87,7 +89,7 @@ def sigint_blocked() -> Iterator[None]:
 def error_status(error: Exception) -> int:
     """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
-    return getattr(error, "exit_status", 1 if cannot_write else 2)
+    return 1 if cannot_write or isinstance(error, PoseError) else 2
 
 
 def run_command(command: Any, program: str, arguments: list[str]) -> int:

@@ -36,10 +36,6 @@ OTHER_PICTURES = (
     "--end) or pictures that show both lines by day, or a camera file with the pose (--camera). Annotate stills of "
     "several cameras with --each."
 )
-# Rejected lanes that are described, best first.
-MAX_REJECTED = 3
-# A feature of the confidence that costs less, as log odds, is no weakness.
-MIN_LOSS = 1.0
 # Stripes parallel to the lane in a strip of this width are a line, if they are on this share of the rows.
 STRIP_M, LEAST_PAINT = 0.4, 0.15
 
@@ -110,7 +106,7 @@ class Explanation(ByValue):
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
             words |= {"ignored": ignored} if ignored else {}
         rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
-        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
+        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:3]
 
     __str__ = describe
 
@@ -329,7 +325,8 @@ def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
         )
     losses = log_odds_losses(lane.features)
     feature = max(losses, key=losses.__getitem__)
-    return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "weaker line", pose_advice)
+    # what costs less than 1 of the log odds is no weakness
+    return _describe_weakness(lane, feature if losses[feature] >= 1 else "weaker line", pose_advice)
 
 
 def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:

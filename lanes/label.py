@@ -110,9 +110,6 @@ def _smooth(rows: np.ndarray, u: np.ndarray, v: np.ndarray, errors_px: np.ndarra
 
 # A session: stills, and their labels on disk.
 
-# More points than anyone clicks on a line.
-MAX_POINTS = 1000
-
 
 def pick_stills(video: Path, settings: DriveSettings, count: int) -> Iterator[Path]:
     """Yield the paths of frames spread over a part of a video, written as PNG; those of an earlier session stay."""
@@ -215,7 +212,7 @@ class _LabelFile:
 def _require_marks(points: Any, size: tuple[int, int]) -> list[np.ndarray]:
     """The marks of both lines, (N, 2) each, if all are points in a picture of `size` (width, height)."""
     try:
-        if len(points) != 2 or max(map(len, filter(None, points)), default=0) > MAX_POINTS:
+        if len(points) != 2 or max(map(len, filter(None, points)), default=0) > 1000:  # nobody clicks as many
             raise ValueError
         lines = [np.array(mark or np.empty((0, 2)), float) for mark in points]
         inside = [line.shape[1:] == (2,) and ((line >= -1) & (line <= size)).all() for line in lines]
@@ -246,9 +243,6 @@ def _read_labels(path: Path) -> dict[str, dict[str, Any]]:
 
 
 # The server of the page.
-
-# Of the marks of a still; a thousand points have 20 kB.
-MAX_BODY_BYTES = 1_000_000
 
 
 def label_stills(sources: Sources, settings: DriveSettings, count: int, *, browser: bool = True) -> str:
@@ -284,7 +278,7 @@ async def _serve(session: Session, settings: DriveSettings, browser: bool) -> No
     # No other host: another site could give its own name the address of this machine (DNS rebinding).
     pages.add_handlers(r"127\.0\.0\.1", [page, (rf"{root}/(still|picture|proposal|ours|end)/(\d+)", Answer)])
     (socket,) = bind_sockets(0, "127.0.0.1")
-    HTTPServer(pages, max_body_size=MAX_BODY_BYTES).add_socket(socket)
+    HTTPServer(pages, max_body_size=1_000_000).add_socket(socket)  # a thousand points have 20 kB
     print(f"the page is at {(address := f'http://127.0.0.1:{socket.getsockname()[1]}{root}/label.html')}", flush=True)
     if browser:
         Thread(target=webbrowser.open, args=(address,), daemon=True).start()
@@ -334,22 +328,19 @@ class Answer(RequestHandler):
         if what == "end":
             asyncio.get_running_loop().call_later(0.1, self.settings["ended"].set)  # after the answer
             return
-        still, marks = self._require_still(number), self._read_marks()
-        self.write(self.settings["session"].mark(still, **marks))
-
-    def _require_still(self, number: str) -> int:
-        if len(number) > 9 or int(number) >= len(self.settings["session"].stills):
-            raise HTTPError(404)
-        return int(number)
-
-    def _read_marks(self) -> dict[str, Any]:
+        still = self._require_still(number)
         try:
             marks = json.loads(self.request.body)
         except (ValueError, RecursionError):
             marks = None
         if not isinstance(marks, dict) or marks.keys() != {"points", "save"}:
             raise LaneError("Marks are a JSON object with points and save.")
-        return marks
+        self.write(self.settings["session"].mark(still, **marks))
+
+    def _require_still(self, number: str) -> int:
+        if len(number) > 9 or int(number) >= len(self.settings["session"].stills):
+            raise HTTPError(404)
+        return int(number)
 
     def write_error(self, status_code: int, **more: Any) -> None:
         """A sentence, which the page shows; 400 for marks or a picture that cannot be used."""

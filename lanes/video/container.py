@@ -32,22 +32,8 @@ CLOCK_RESET_S = 0.25
 CLOCK_SET_S = 86_400.0
 # More frames of the usual rate than this are not missing in a hole: another recording begins behind it.
 JUMP_FRAMES = 1500
-# Up to so many frames in a row whose time stamps leave the order, and come back to it, are outliers.
-MAX_OUTLIERS = 4
 # The rate varies if more than this share of the frames follow sooner than this, in frames of a constant rate.
 MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
-# A smaller share of the base rate is an average rate that may include jumps in time.
-_MIN_RATE_SHARE = 0.9
-# The rate is constant if average rate and base rate differ by a smaller share than this.
-_SAME_RATE = 0.02
-# Largest ratio of a pixel's width to its height, and of its height to its width.
-_MAX_PIXEL_ASPECT = 4
-# Frames that are stored farther than this from their place in time are outliers: no codec reorders so many.
-_MAX_REORDERED = 16
-# A file was cut off if its header announces more than this beyond its last packet; some round to half a second.
-_CUT_OFF_S = 0.5
-# EXIF orientations that mirror the stored image; players show it so.
-_MIRRORED = (2, 4, 5, 7)
 _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 
 
@@ -73,7 +59,7 @@ class VideoInfo:
     @property
     def mirrored(self) -> bool:
         """Whether the display matrix mirrors the stored images, as players show it."""
-        return self.orientation in _MIRRORED
+        return self.orientation in (2, 4, 5, 7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,17 +111,14 @@ def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator
     for packet in read_packets(container, stream):
         for frame in decode_packet(packet):
             if placed:
-                # the last frames are completed by the end of the file
-                frame.pts = frame.dts if frame.dts is not None or last is None else last + _frame_ticks(stream)
+                if frame.dts is None and last is not None:  # the last frames are completed by the end of the file
+                    rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
+                    frame.pts = last + max(round(1 / (rate * tick)) if rate and tick else 1, 1)
+                else:
+                    frame.pts = frame.dts
                 last = frame.pts
             if not frame.is_corrupt:
                 yield frame
-
-
-def _frame_ticks(stream: av.VideoStream) -> int:
-    """Length of a frame in units of the stream's time base, at its rate; at least 1."""
-    rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
-    return max(round(1 / (rate * tick)), 1) if rate and tick else 1
 
 
 def frame_orientation(frame: av.VideoFrame) -> int:
@@ -198,7 +181,8 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
             raise VideoError(f"{path}: {_NOT_DECODED}")
         stamps = np.sort([pts for pts, _ in shown if pts is not None])
         rate = _frame_rate(stream, stamps, path)
-        constant = stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < _SAME_RATE
+        # average rate and base rate differ by less than 2 %
+        constant = stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < 0.02
         length_s, gaps = _measure_stamps([pts for pts, _ in shown], rate, stream.time_base, constant)
         orientation = frame_orientation(first)
         width, height = square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
@@ -230,15 +214,15 @@ def _start_s(container: InputContainer, packets: Sequence[tuple], first: av.Vide
 def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
     """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
     aspect = stream.sample_aspect_ratio or Fraction(1)
-    if not 1 / _MAX_PIXEL_ASPECT <= aspect <= _MAX_PIXEL_ASPECT:  # nonsense
+    if not Fraction(1, 4) <= aspect <= 4:  # nonsense
         aspect = Fraction(1)
     return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
 
 
 def _has_jumps(stream: av.VideoStream) -> bool:
-    """Whether the average rate of a stream is so low that it may include jumps in time."""
+    """Whether the average rate of a stream is so low, less than 0.9 of the base rate, that it may include jumps."""
     rate = stream.average_rate or stream.guessed_rate or MIN_FPS
-    return rate < MIN_FPS or rate < _MIN_RATE_SHARE * float(stream.guessed_rate or rate)
+    return rate < MIN_FPS or rate < 0.9 * float(stream.guessed_rate or rate)
 
 
 def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
@@ -269,7 +253,8 @@ def _measure_stamps(
         return length_s, 0
     # in frames; floats, because thousands of fractions take longer than to read the file
     order = np.argsort(known, kind="stable")
-    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > _MAX_REORDERED
+    # no codec reorders 16 frames
+    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > 16
     if away.mean() < MAX_SHORT_SHARE:
         places = places[~away]
     steps = np.diff(places)
@@ -291,7 +276,7 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     # In Matroska and NUT the duration counts from zero, in all others from the first packet.
     begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
-    return round(cut_off_s * rate) if cut_off_s > _CUT_OFF_S else 0
+    return round(cut_off_s * rate) if cut_off_s > 0.5 else 0  # some headers round to half a second
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:

@@ -27,7 +27,6 @@ from lanes.video.container import (
     CLOCK_RESET_S,
     CLOCK_SET_S,
     JUMP_FRAMES,
-    MAX_OUTLIERS,
     VideoIndex,
     VideoInfo,
     decode_frames,
@@ -202,7 +201,7 @@ def _timed(
         after_s = Fraction(0) if last_s is None else last_s + 1 / index.rate
         time_s = _stamp_s(frame, zero_s, after_s)
         if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
-            ahead.extend(islice(frames, MAX_OUTLIERS - len(ahead)))
+            ahead.extend(islice(frames, 4 - len(ahead)))  # up to four frames in a row are outliers
             time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s, after_s) for f in ahead])
             if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
                 zero_s -= after_s - time_s
