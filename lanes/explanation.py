@@ -260,19 +260,15 @@ def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
         failure = f"no paint is found with a probability above {minimum_p:.0%}."
-    if best > minimum:
-        return Step("markings", summary)
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
-    return Step("markings", summary, failure, advice + pose_advice)
+    return Step("markings", summary, "" if best > minimum else failure, advice + pose_advice)
 
 
 def _check_stripes(evidence: Evidence, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
     count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
     summary = f"{count} candidates, {near} of them within {near_m} m"
-    if near:
-        return Step("stripes", summary)
-    failure = f"no stripe is nearer than {near_m} m, where the search starts."
+    failure = "" if near else f"no stripe is nearer than {near_m} m, where the search starts."
     advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
     return Step("stripes", summary, failure, advice + pose_advice)
 
