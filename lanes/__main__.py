@@ -44,8 +44,7 @@ from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
 from lanes.sources import Sources, find_sources, require_topic, sample_images
 from lanes.stills import HEIGHT_RANGE_M, detect_still
-from lanes.video.container import count_missing
-from lanes.video.reader import STAMP_TOLERANCE_S, inspect_video, read_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video, read_frames
 
 
 class Calibrate:

@@ -29,19 +29,20 @@ from av.container import InputContainer, OutputContainer
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
 from lanes.images import require_rgb
-from lanes.video.container import (
-    CLOCK_RESET_S,
+from lanes.video import CLOCK_RESET_S, MAX_FPS, MIN_FPS
+from lanes.video.reader import (
     CLOCK_SET_S,
-    MAX_FPS,
-    MIN_FPS,
+    QUEUE_SIZE,
+    STAMP_TOLERANCE_S,
     VideoInfo,
     count_missing,
     decode_packet,
     index_video,
+    inspect_video,
     open_video,
+    read_frames,
     read_packets,
 )
-from lanes.video.reader import QUEUE_SIZE, STAMP_TOLERANCE_S, inspect_video, read_frames
 
 Row = Mapping[str, object]
 
