@@ -42,8 +42,6 @@ from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_j
 from lanes.video.robot_log import index_log
 from lanes.video.writer import process_video
 
-SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
-
 
 @dataclass(frozen=True, kw_only=True)
 class DriveSettings:
@@ -378,10 +376,9 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
 def _find_warnings(info: VideoInfo, camera: Camera, settings: DriveSettings, telemetry: Telemetry) -> list[str]:
     """What seems to be wrong with a video or its camera, a sentence each."""
     mirrored = MIRRORED_WORDS if info.mirrored else None
-    found: list[str | None] = [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note]
-    if settings.camera_offset_m is None and not camera.offset_m:
-        found.append(describe_crossings(telemetry, camera.car_width_m))
-    return list(filter(None, found))
+    centred = settings.camera_offset_m is None and not camera.offset_m
+    crossings = describe_crossings(telemetry, camera.car_width_m) if centred else None
+    return list(filter(None, [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note, crossings]))
 
 
 def _describe_other_poses(telemetry: Telemetry, first: CameraPose) -> list[str]:
@@ -480,7 +477,8 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     if pose:
         lines.append(pose.describe())
         if pose.state != ESTIMATED:
-            lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
+            remedy = "If the pictures are of several cameras, annotate them with --each."
+            lines.append(f"hint: few pictures show this camera pose. {remedy}")
     telemetry = table.columns()
     found_words = f"{describe_shares(telemetry)}{describe_confidence(telemetry)}"
     lines.append(f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} to {path.parent}")

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any
 from unicodedata import normalize
 
 import numpy as np
@@ -30,10 +30,6 @@ from lanes.images import MAX_PIXELS, read_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, read_frames
 
 NO_POINT, EGO_SIDES = -2.0, ("left", "right")
-# Enough for a hundred thousand pictures with six lines at 56 rows.
-MAX_LABEL_FILE_BYTES = 200_000_000
-# Forms in which file systems keep names; the second is that of macOS.
-UNICODE_FORMS: tuple[Literal["NFC", "NFD"], ...] = ("NFC", "NFD")
 # Rows that are closer are the same: some programs compute them.
 SAME_ROW_PX = 0.01
 
@@ -136,7 +132,7 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
 
 def find_picture(folder: Path, name: str) -> Path:
     """The picture of a label in a folder, in the form of Unicode in which it is there; as named if it is not."""
-    forms = [folder / name, *(folder / normalize(form, name) for form in UNICODE_FORMS)]
+    forms = [folder / name, folder / normalize("NFC", name), folder / normalize("NFD", name)]  # the last is of macOS
     return next((path for path in forms if path.is_file()), forms[0])
 
 
@@ -147,7 +143,8 @@ def _parts(name: str) -> tuple[str, ...]:
 def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None) -> list[LaneColumns]:
     """The lines in a file; predictions without `h_samples` are at the rows in `rows_of`, or left out."""
     found = []
-    for number, entry in read_json_lines(path, kind, max_bytes=MAX_LABEL_FILE_BYTES):
+    # a hundred thousand pictures with six lines at 56 rows have fewer bytes
+    for number, entry in read_json_lines(path, kind, max_bytes=200_000_000):
         try:
             name = entry["raw_file"].replace("\\", "/")  # a file written on Windows has backslashes
             of_label = None if rows_of is None else rows_of.get(normalize("NFC", name))
