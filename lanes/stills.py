@@ -83,7 +83,7 @@ def search_at_heights(
     The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
     """
     mask = find_mask(camera.require_size(image), markings)
-    evidence = find_evidence(image, _new_view(camera, settings), settings.paint, mask=mask)
+    evidence = find_evidence(image, _view_of(camera, settings), settings.paint, mask=mask)
     found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
     return [replace(f, lane=replace(f.lane, same_lane_share=1.0)) if f.lane else f for f in found]
 
@@ -146,11 +146,7 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
     return enough.all(axis=-1) | np.eye(len(columns), dtype=bool)
 
 
-def _new_view(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
-    return BirdsEyeView.from_image_border(camera, settings.near_m, half_width_m=settings.half_width_m)
-
-
 @lru_cache(maxsize=4)
 def _view_of(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
     """The bird's-eye view, cached: making it takes half as long as a detection in it."""
-    return _new_view(camera, settings)
+    return BirdsEyeView.from_image_border(camera, settings.near_m, half_width_m=settings.half_width_m)
