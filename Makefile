@@ -111,7 +111,7 @@ soak: $(INSTALLED)
 	@echo "== One hour of video through the command line: frames in, frames out, peak memory (half an hour or more)"
 	@mkdir -p .soak && $$($(ENV)/python -c "import imageio_ffmpeg; print(imageio_ffmpeg.get_ffmpeg_exe())") -v error -y \
 		-stream_loop 359 -i test_videos/project_video.mp4 -f lavfi -i sine -c:v copy -shortest .soak/long.mp4
-	@$(ENV)/python -c "import resource, sys; from lanes.cli import main; status = main(sys.argv[1:]); \
+	@$(ENV)/python -c "import resource, sys; from lanes.__main__ import main; status = main(sys.argv[1:]); \
 		print(f'peak memory {resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000:.0f} MB'); sys.exit(status)" \
 		annotate --camera test_videos/project_video.yaml --no-report .soak/long.mp4 -o .soak/out
 	@$(ENV)/python -c "from lanes.video.reader import inspect_video; \

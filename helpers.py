@@ -34,8 +34,8 @@ from lanes.images import read_image as read_image
 from lanes.images import require_rgb
 from lanes.images import to_rgb as to_rgb
 from lanes.images import write_image as write_image
-from lanes.video.process import process_video as process_video
 from lanes.video.reader import read_video as read_video
+from lanes.video.writer import process_video as process_video
 
 Points = Sequence[Sequence[float]]  # (u, v), pixels
 Limits = tuple[float, float, float]

@@ -16,7 +16,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from lanes.cli import add_lens, find_lens
+from lanes.__main__ import add_lens, find_lens
 from lanes.console import bounded, progress_line, run_command, run_program
 from lanes.detect.markings import load_markings
 

@@ -31,8 +31,7 @@ from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
 from lanes.score import StillScore, reliability
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
-from lanes.video.process import read_frames
-from lanes.video.reader import inspect_video
+from lanes.video.reader import inspect_video, read_frames
 from simulator.processes import run_all
 
 # Ways to look at a set: each still alone; with the pose of its stills; tracked.

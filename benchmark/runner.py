@@ -24,7 +24,7 @@ from lanes import images as frames
 from lanes.camera import camera_to_dict
 from lanes.detect.markings import Markings
 from lanes.files import hash_sources
-from lanes.video import container, reader
+from lanes.video import reader
 from lanes.video.reader import inspect_video
 from simulator.processes import run_all
 
@@ -95,7 +95,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Digits that depend on everything that the estimates depend on."""
-    modules = (estimates, evaluation, systems, frames, container, reader)
+    modules = (estimates, evaluation, systems, frames, reader)
     sources = (Path(inspect.getfile(module)) for module in modules)
     files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
     conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings

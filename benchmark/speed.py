@@ -28,10 +28,8 @@ from lanes.describe import format_table
 from lanes.draw import track_lane
 from lanes.images import opencv_threads
 from lanes.tracking.tracker import LaneTracker
-from lanes.video.container import index_video, open_video
-from lanes.video.process import process_video
-from lanes.video.reader import inspect_video, read_video
-from lanes.video.writer import open_mp4
+from lanes.video.reader import index_video, inspect_video, open_video, read_video
+from lanes.video.writer import open_mp4, process_video
 
 # Frames whose processing is timed, kept in memory (2.8 MB each), and the first ones, which do not count: the tracker
 # searches in each frame until its lane is confirmed.

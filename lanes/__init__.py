@@ -16,26 +16,23 @@ A road is drawn here; `read_image` reads a real one.
 Videos: `track`, `annotate`. Other cameras: `calibrate`, `estimate_pose`. The API is `__all__`; modules are its inside.
 """
 
-# isort: skip_file
-# Three functions have the names of the modules that they come from. They are bound here, after these modules were
-# loaded, so that `lanes.track` is the function; `from lanes.tracking.tracker import ...` works as well.
 from lanes.console import require_opencv
 
 require_opencv()  # before modules that use what only OpenCV 5 has
 
-from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
-from lanes.images import read_image
-from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.calibration import calibrate
-from lanes.pose import estimate_pose
+from lanes.camera import Camera, CameraPose, load_camera, save_camera
 from lanes.detect.lane import Lane, Line
+from lanes.draw import draw_lane
+from lanes.drive import annotate, track
+from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
+from lanes.explanation import explain
+from lanes.images import read_image
+from lanes.pose import estimate_pose
 from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
-from lanes.draw import draw_lane
-from lanes.explanation import explain
-from lanes.drive import annotate, track
-from lanes.video.process import process_video
 from lanes.video.reader import TimedFrame, read_video
+from lanes.video.writer import process_video
 
 __version__ = "0.1.0"
 __all__ = [

@@ -1,6 +1,550 @@
-"""`python -m lanes COMMAND`."""
+"""The commands of `python -m lanes`, where installed also `lanes`: a class each, whose docstring is its help.
 
-from lanes.cli import installed_command
+Plots and Dask are imported when a command needs them, so that help and wrong usage are answered at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import sys
+from collections.abc import Sequence
+from contextlib import closing
+from dataclasses import fields, replace
+from difflib import get_close_matches
+from functools import partial
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from lanes import __version__
+from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
+from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
+from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
+from lanes.describe import format_table, number_cells
+from lanes.detect.markings import load_markings
+from lanes.draw import STYLES
+from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
+from lanes.errors import CameraError, LaneError, PoseError
+from lanes.explanation import explain, explain_tracked
+from lanes.field_of_view import find_field_of_view, given_field_of_view
+from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
+from lanes.images import kind_of_file, read_image, write_image
+from lanes.labels import (
+    detect_in_sequence,
+    detect_in_stills,
+    detect_in_video,
+    find_picture,
+    read_labels,
+    read_predictions,
+)
+from lanes.many import annotate_many
+from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
+from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
+from lanes.sources import Sources, find_sources, require_topic, sample_images
+from lanes.stills import HEIGHT_RANGE_M, detect_still
+from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video, read_frames
+
+
+class Calibrate:
+    """Calibrate the lens from 10 to 20 pictures or a video of a chessboard, and write a camera file. Tilt the
+    board in another direction for each picture, and cover all parts of the picture. The inner corners of the
+    board, columns x rows, are one less than its squares. A table lists for each picture whether it was used,
+    and its error. The sheet shows the corners found.
+    """
+
+    SUMMARY = "calibrate the lens from pictures of a chessboard"
+    EXAMPLES = "  {program} my_boards -o lens.yaml\n  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        words = "picture or video of a chessboard, or folder of them"
+        parser.add_argument("pictures", nargs="+", type=Path, metavar="PICTURE", help=words)
+        words = "inner corners of the board (default: 9x6)"
+        parser.add_argument("--pattern", type=_pattern, default=(9, 6), metavar="CxR", help=words)
+        words = "also write a picture of all boards with their corners"
+        parser.add_argument("--sheet", type=Path, metavar="FILE", help=words)
+        _add_output(parser, "camera.yaml", "camera file to write")
+
+    def run(self, options: argparse.Namespace) -> int:
+        paths = find_sources(map(str, options.pictures)).files
+        require_no_input_among(filter(None, (options.output, options.sheet)), paths)
+        detections = find_boards(paths, options.pattern, progress=progress_line("calibrate"))
+        try:
+            camera = calibrate_detections(detections, ", ".join(map(str, options.pictures[:3])))
+        except CameraError:
+            if options.sheet:
+                print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, None))}")
+            raise
+        print(describe_calibration(detections, camera))
+        print(f"wrote {save_camera(camera, options.output)}")
+        if options.sheet:
+            print(f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}")
+        return 0
+
+
+class Pose:
+    """Estimate the camera pose (height, pitch, yaw and roll) from stills or videos of one drive, and write
+    it with the lens into a camera file. Use 20 or more pictures of a marked road by day. One picture is
+    enough, but gives larger standard deviations. Heights are above the road. The default width of the
+    lanes is that of US Interstates.
+    """
+
+    SUMMARY = "estimate the camera pose (height, pitch, yaw, roll) from pictures of a drive"
+    EXAMPLES = """\
+  {program} --hfov 60 drive.mp4 -o camera.yaml
+  {program} --camera lens.yaml --lane-width 3.5 drive/*.jpg -o camera.yaml
+  {program} --hfov 60 --start 60 --end 90 drive.mp4
+  {program} --boards my_boards --height 1.35 drive.mp4"""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one drive")
+        _add_drive_options(parser)
+        words = "use at most N pictures (default: %(default)s)"
+        parser.add_argument("--pictures", type=bounded(int, 1), default=POSE_PICTURES, metavar="N", help=words)
+        _add_output(parser, "camera.yaml", "camera file to write")
+
+    def run(self, options: argparse.Namespace) -> int:
+        require_no_input_among([options.output], options.files)
+        lens, settings = find_lens(options)
+        estimate = estimate_pose(
+            options.files,
+            lens,
+            lane_width_m=options.lane_width_m,
+            height_m=options.height_m,
+            max_pictures=options.pictures,
+            start_s=options.start_s,
+            end_s=options.end_s,
+            topic=options.topic,
+            progress=progress_line("pose"),
+            markings=settings.markings,
+        )
+        if not estimate.frames_used:
+            raise PoseError(
+                f"{options.files[0]}: none of {estimate.frames_total} pictures shows a likely lane, so the pose is "
+                "unknown and no file is written; give pictures of a marked road by day, or another --hfov."
+            )
+        print(estimate.describe())
+        print(estimate.describe_accuracy())
+        print(f"wrote {save_camera(estimate.camera, options.output)}")
+        return 0
+
+
+class Annotate:
+    """Draw the lane with curvature, offset and confidence on videos and stills.
+
+    The output folder gets an annotated video with sound, the telemetry (CSV, one row per frame) and a
+    report (HTML, works offline) for each video, and messages (MCAP) for each robot log (ROS bag, MCAP).
+    Stills are processed independently. If the camera has no pose, the pose is estimated from each drive
+    and printed with its standard deviations. All stills share one camera, unless --each gives each its own.
+
+    With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
+    videos. A table of all videos is written (docs/many_drives.md).
+    """
+
+    SUMMARY = "draw the lane on videos and stills; write telemetry and a report"
+    EXAMPLES = """\
+  {program} --hfov 60 drive.mp4
+  {program} --camera camera.yaml drives/ more/*.mp4 -o results
+  {program} --boards my_boards --style mosaic --start 60 --end 90 drive.mp4
+  {program} --each photos/
+  {program} --topic /front/image_raw drive.mcap
+  {program} --camera camera.yaml "drives/**/*.mp4" -o results --workers 8"""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        words = 'video, still, folder, or pattern such as "drives/*.mp4"'
+        parser.add_argument("files", nargs="+", metavar="SOURCE", help=words)
+        _add_drive_options(parser, each=True)
+        _add_output(parser, "annotated", "output folder")
+        words = (
+            "lane: filled lane; lines: the two lines only; inset: with a bird's-eye view; mosaic: with intermediate "
+        )
+        words += "results (default: %(default)s)"
+        parser.add_argument("--style", choices=tuple(STYLES), default="lane", help=words)
+        parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
+        parser.add_argument("--quiet", action="store_true", help="print errors only")
+        many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
+        where = many.add_mutually_exclusive_group()
+        where.add_argument("--workers", type=bounded(int, 1), metavar="N", help="number of processes on this machine")
+        words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"
+        where.add_argument("--scheduler", metavar="ADDRESS", help=words)
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Annotate all sources. A failed source does not stop the others; errors are printed at the end."""
+        sources = find_sources(options.files)
+        settings = _read_settings(options, sources)
+        say = (lambda _: None) if options.quiet else partial(print, flush=True)
+        failures: list[Exception] = []
+        done = 0
+        if (options.workers or options.scheduler) and sources.videos:
+            where = {"workers": options.workers, "scheduler": options.scheduler}
+            finished, failures = annotate_many(sources.videos, settings, **where, log=say)
+            done, sources = len(finished), replace(sources, videos=())
+        for outcome in annotate_sources(sources, settings):
+            if isinstance(outcome, Annotation):
+                done += 1
+                failures += outcome.failures  # of single stills
+                say(outcome.description)
+            else:
+                failures.append(outcome)
+        return _report_failures(failures, done)
+
+
+class Detect:
+    """Write the columns of the lane lines at given rows of the raw pictures, one JSON line per picture:
+    raw_file, h_samples, lanes (left, right, then the far lines of adjacent lanes that are seen; -2 for no
+    point), sides (the name of each line), run_time (ms), state, confidence, offset_m (> 0: car left of the
+    lane centre), curvature_per_m (> 0: bends left). If no camera file with a camera pose is given, the
+    pose is first estimated from each video and from the stills, with --each from each still alone.
+    """
+
+    SUMMARY = "write the lines of the ego lane in stills and videos as TuSimple JSON lines"
+    EXAMPLES = """\
+  {program} --camera camera.yaml drive.mp4 -o lanes.jsonl
+  {program} --hfov 60 --rows 240:721:10 stills/*.jpg
+  {program} --each photos/*.jpg
+  {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="stills or videos of one camera")
+        _add_drive_options(parser, each=True)
+        words = "picture rows, TO excluded (default: by the height; of pictures 720 high 420:701:10)"
+        parser.add_argument("--rows", type=_row_range, metavar="FROM:TO:STEP", help=words)
+        parser.add_argument("--sequence", action="store_true", help="the stills are consecutive frames in this order")
+        words = "frames per second of --sequence (default: %(default)s)"
+        parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
+        _add_output(parser, "lanes.jsonl", "file to write")
+
+    def run(self, options: argparse.Namespace) -> int:
+        """Detect the lane in every picture, and write the detections; returns 1 if a still was left out."""
+        sources = find_sources(map(str, options.files))
+        if options.each and options.sequence:
+            raise ValueError("--sequence is for stills of one camera; omit it, or omit --each.")
+        if options.each and sources.videos:
+            raise ValueError(f"{sources.videos[0]}: is a video, and --each is for stills; omit one of them.")
+        require_no_input_among([options.output], sources.files)
+        settings = _read_settings(options, sources)
+        failures: list[LaneError] = []
+        found, missing = [], 0
+        for video in sources.videos:
+            frames = list(detect_in_video(video, settings, options.rows))
+            found += frames
+            missing += count_missing(np.diff([-1, *(frame["frame"] for frame in frames)]) - 1)
+        if options.sequence and sources.stills:
+            found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
+        elif sources.stills:
+            found += detect_in_stills(sources.stills, settings, options.rows, failures)
+        lost = sum(detection["state"] == "lost" for detection in found)
+        damaged = f"; {missing} more are damaged or missing in the videos" if missing else ""
+        print(f"wrote {write_json_lines(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}")
+        return _report_failures(failures, len(found))
+
+
+class Explain:
+    """Plot every step of the lane detection in one picture, with its numbers: horizon, bird's-eye view,
+    marking response, stripes, votes, fit and result. If a step failed, the figure and the printed text say
+    why, and what to do. A frame of a video is explained as `annotate` sees it: the lane is tracked from
+    the start of the video, or of the part, up to this frame. If no camera file with a camera pose is
+    given, the pose is first estimated from the picture, the video or the part.
+    """
+
+    SUMMARY = "plot every step of the lane detection in one picture, and which step failed"
+    EXAMPLES = """\
+  {program} --camera camera.yaml drive.mp4 --at 12.5 -o explained.png
+  {program} --hfov 60 long_drive.mp4 --start 600 --end 660 --at 612.5
+  {program} --hfov 60 still.jpg"""
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help="picture or video")
+        words = "time of the frame in a video, as 83.5 or 1:23.5 (default: first frame)"
+        parser.add_argument("--at", type=seconds, metavar="TIME", help=words)
+        _add_drive_options(parser)
+        _add_output(parser, "explained.png", "figure to write")
+
+    def run(self, options: argparse.Namespace) -> int:
+        from lanes.figures import figure_kind, save_figure, show_explanation
+
+        figure_kind(options.output)
+        require_no_input_among([options.output], options.files)
+        (file,) = options.files
+        start_s, end_s, at_s = options.start_s, options.end_s, options.at
+        info = None if kind_of_file(file) == "image" else inspect_video(file, topic=options.topic)
+        length_s = info.duration_s if info else 0.0
+        if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
+            words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
+            raise ValueError(f"{file}: {words}, or none for a picture.")
+        lens, settings = find_lens(options)
+        markings, part = settings.markings, {"start_s": start_s, "end_s": end_s, "topic": options.topic}
+        camera, estimate = settings.ensure_pose(lens, options.files, progress=progress_line("pose"), **part)
+        still = pose_doubt = None
+        if estimate:
+            print(estimate.describe())
+            still, pose_doubt = estimate.still, "" if estimate.state == ESTIMATED else estimate.notes[0]
+        if info:
+            tracker = make_tracker(info.fps, camera, estimate, markings)
+            until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
+            with closing(read_frames(file, info, start_s=start_s, end_s=until_s, progress=True)) as frames:
+                shown = islice(frames, 1 if at_s is None else None)
+                explanation = explain_tracked(shown, tracker, pose_doubt=pose_doubt)
+        else:
+            image = read_image(file)
+            still = still or (detect_still(image, camera, markings=markings) if markings else None)
+            explanation = explain(image, camera, detection=still, pose_doubt=pose_doubt)
+        print(explanation.describe())
+        figure, _ = show_explanation(explanation)
+        print(f"wrote {save_figure(figure, options.output)}")
+        return 0
+
+
+class Label:
+    """Mark both lines of the ego lane in stills, in a page that only this machine can open. The labels are TuSimple
+    JSON lines, labels.jsonl beside the stills; the next run continues them. Our lines are shown after yours are saved.
+    """
+
+    SUMMARY = "mark the lines of the lane in stills, as labels to score against"
+    EXAMPLES = "  {program} stills/\n  {program} --hfov 60 drive.mp4 --stills 50 -o my_labels"
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
+        _add_drive_options(parser, each=True)
+        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
+        parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
+        parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
+
+    def run(self, options: argparse.Namespace) -> int:
+        try:
+            from lanes.label import label_stills
+        except ImportError as error:
+            raise OSError("label needs tornado, which is not installed; run pip install 'tornado>=6.6.1'.") from error
+        sources = find_sources(map(str, options.files))
+        options.output = options.output or (sources.stills[0].parent if sources.stills else Path("labels"))
+        print(label_stills(sources, _read_settings(options, sources), options.stills, browser=not options.no_browser))
+        return 0
+
+
+class Score:
+    """Score the lines that `detect` or any other program predicts in labelled stills, and write a page with the
+    worst stills. Both files are TuSimple JSON lines: raw_file, h_samples (rows; predictions may lack them),
+    lanes (columns, -2 for no point), optionally sides and confidence. A flat road is assumed for metres.
+    """
+
+    SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
+    EXAMPLES = "  {program} labels.jsonl lanes.jsonl\n  {program} --camera camera.yaml labels.jsonl lanes.jsonl"
+
+    def add_arguments(self, parser: argparse.ArgumentParser) -> None:
+        parser.add_argument("labels", type=Path, metavar="LABELS", help="labels; raw_file is relative to this file")
+        parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="lines that a program predicts")
+        parser.add_argument("--camera", type=Path, metavar="YAML", help="camera file with a pose, for errors in metres")
+        _add_output(parser, "score.html", "page to write")
+
+    def run(self, options: argparse.Namespace) -> int:
+        labels, folder = read_labels(options.labels), options.labels.parent
+        predictions, camera = read_predictions(options.predictions, labels), None
+        if options.camera and not (camera := load_camera(options.camera)).pose:
+            raise CameraError(f"{options.camera}: holds no camera pose; use the file that `pose` writes.")
+        pictures = [find_picture(folder, label.name) for label in labels]
+        require_no_input_among([options.output], [options.labels, options.predictions, *pictures])
+        read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
+        assumed = camera.size if camera else TUSIMPLE_SIZE
+        sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
+        scores = [score_still(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
+        missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
+        gone = [picture for picture in pictures if not picture.is_file()]
+        tables = score_tables(scores)
+        notes = "".join(
+            f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n"
+            for what, some in (
+                ("stills have no prediction", missing),
+                ("pictures are missing, sizes assumed", gone),
+                *describe_predictions(labels, predictions, pictures),
+            )
+            if some
+        )
+        for title, table in tables.items():
+            print(f"{title}:\n{format_table(*number_cells(table))}\n")
+        words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}
+        print(f"{notes}wrote {write_score_page(options.output, folder, scores, tables, words)}")
+        return 0
+
+
+_CLASSES = (Calibrate, Pose, Annotate, Detect, Explain, Label, Score)
+COMMANDS = {command.__name__.lower(): command() for command in _CLASSES}
+_EPILOG = "commands:\n" + "".join(f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items())
+_EPILOG += """
+In a clone of the project, python -m simulator renders roads with ground truth and
+python -m benchmark scores lane finders.
+
+examples:
+  {program} annotate --hfov 60 drive.mp4
+  {program} annotate --help"""
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a command; returns its exit status, see `run_command`."""
+    arguments = sys.argv[1:] if arguments is None else arguments
+    program = "lanes" if Path(sys.argv[0]).stem == "lanes" else "python -m lanes"
+    parser = argparse.ArgumentParser(
+        prog=program,
+        usage=f"{program} [-h] COMMAND ...",
+        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
+        epilog=_EPILOG.format(program=program),
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    words = "one of the commands below; COMMAND --help describes it"
+    parser.add_argument("command", type=_command_name, metavar="COMMAND", help=words)
+    parser.add_argument("--version", action="version", version=f"lanes {__version__}")
+    name = parser.parse_args(arguments[:1]).command
+    return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
+
+
+def installed_command() -> None:
+    """The command `lanes` of an installation."""
+    run_program(main)
+
+
+def _command_name(text: str) -> str:
+    """An argparse type: the name of a command; for another word the error proposes the nearest one."""
+    if text in COMMANDS:
+        return text
+    nearest = get_close_matches(text, COMMANDS, 1, cutoff=0.4)
+    hint = f"did you mean {nearest[0]}? The" if nearest else "the"
+    raise argparse.ArgumentTypeError(f"there is no command {text}; {hint} commands are {', '.join(COMMANDS)}")
+
+
+# Options that several commands share.
+
+
+def _add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -> None:
+    """Add the options of `add_lens`, for the scale of a pose, for a part of the videos, and maybe --each."""
+    if each:
+        words = "the stills are of different cameras: estimate the pose of each on its own"
+        parser.add_argument("--each", action="store_true", help=words)
+    add_lens(parser)
+    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
+    parser.add_argument("--lane-width", dest="lane_width_m", type=bounded(float, 2, 6), metavar="M", help=words)
+    words = "measured height of the camera, metres, for a pose that is estimated"
+    parser.add_argument("--height", dest="height_m", type=bounded(float, *HEIGHT_RANGE_M), metavar="M", help=words)
+    words = "start at this time of each video, as 83.5 or 1:23.5"
+    parser.add_argument("--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words)
+    parser.add_argument("--end", dest="end_s", type=seconds, metavar="TIME", help="stop at this time of each video")
+
+
+def add_lens(parser: argparse._ActionsContainer) -> None:
+    """Add the options for lens and place of the camera, --topic and --markings."""
+    lens = parser.add_mutually_exclusive_group()
+    lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
+    words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
+    lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
+    words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
+    lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
+    words = "lens of --hfov (default: equidistant, as of action cameras, for more than 95 degrees, else pinhole)"
+    parser.add_argument("--lens", choices=LENSES, help=words)
+    words = "how far the camera is left of the middle of the car, metres; < 0: right (default: that of the camera file)"
+    limits = bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M)
+    parser.add_argument("--camera-offset", dest="camera_offset_m", type=limits, metavar="M", help=words)
+    words = f"width of the car over its tyres, metres, for departure warnings (default: {CAR_WIDTH_M})"
+    limits = bounded(float, *CAR_WIDTH_RANGE_M)
+    parser.add_argument("--car-width", dest="car_width_m", type=limits, metavar="M", help=words)
+    parser.add_argument("--topic", metavar="NAME", help="topic of the images in a robot log (default: the only one)")
+    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
+    parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
+
+
+def _add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
+    """Add --output, with `what` as its help text."""
+    parser.add_argument("-o", "--output", type=Path, default=Path(default), help=f"{what} (default: %(default)s)")
+
+
+def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
+    """Camera, for images of the size of the first file, and settings according to the options of `add_lens`."""
+    sources = find_sources(map(str, options.files))
+    settings, image = _read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
+    return settings.camera_for(image.shape[1::-1], sources.files[0]), settings
+
+
+def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
+    """The settings according to the options; --boards is calibrated here.
+
+    Prints the field of view of an uncalibrated lens, unless --hfov gives a usual one, or with --each all stills name
+    theirs.
+    """
+    own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
+    others = [path for path in sources.skipped if path not in own]
+    for what, paths in (("neither a video nor an image", others), ("written by annotate", own)):
+        if paths:
+            print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
+    if options.lens and options.hfov is None:
+        raise ValueError("--lens needs a field of view; give --hfov as well, or omit --lens.")
+    require_topic(sources.files, options.topic)
+    camera = field = None
+    quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
+    if options.camera:
+        camera = load_camera(options.camera)
+    elif options.boards:
+        camera = calibrate(options.boards, progress=None if quiet else progress_line("boards"))
+    elif options.hfov is not None:
+        field = given_field_of_view(options.hfov, options.lens)
+        if field.doubtful and not options.lens:
+            print(f"warning: {field.describe()}", file=sys.stderr)
+    else:
+        field = find_field_of_view(() if each else sources.files, options.topic)
+        of_stills = [find_field_of_view([still]) for still in sources.stills] if each else []
+        shown = [field] if not each or sources.videos or any(of_still.assumed for of_still in of_stills) else []
+        shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
+        for some in shown:
+            print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
+    named = {field.name for field in fields(DriveSettings)} - {"camera", "each", "output"}
+    more = {name: x for name, x in vars(options).items() if name in named}
+    if more.get("end_s") is not None and options.end_s <= options.start_s:
+        raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
+    more["markings"] = options.markings and load_markings(options.markings)
+    more["camera_options"] = _camera_options(options)
+    return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
+
+
+def _camera_options(options: argparse.Namespace) -> str:
+    """The options of `add_lens` and `add_scale` that were given, as a part of another command line."""
+    names = "camera", "hfov", "boards", "lens", "camera_offset_m", "car_width_m", "topic", "markings"
+    given = {name: getattr(options, name, None) for name in (*names, "lane_width_m", "height_m")}
+    texts = {n.removesuffix("_m").replace("_", "-"): shlex.quote(str(x)) for n, x in given.items() if x is not None}
+    return " ".join(f"--{name} {text}" for name, text in texts.items())
+
+
+def _list_names(paths: Sequence[Path]) -> str:
+    """The first five paths, and how many more there are."""
+    more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
+    return ", ".join(map(str, paths[:5])) + more
+
+
+def _report_failures(failures: Sequence[Exception], done: int) -> int:
+    """Print errors; returns the exit status: 1 if something was done nevertheless, else that of the errors."""
+    for failure in failures:
+        print(f"error: {failure}", file=sys.stderr)
+    if failures and not done:
+        return max(map(error_status, failures))
+    return 1 if failures else 0
+
+
+def _pattern(text: str) -> tuple[int, int]:
+    """An argparse type: inner corners of a chessboard, columns and rows, written like 9x6."""
+    columns, _, rows = text.lower().partition("x")
+    if not (columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3):
+        raise argparse.ArgumentTypeError(
+            f"{text} is not a chessboard pattern; write its inner corners like 9x6, at least 3x3"
+        )
+    return int(columns), int(rows)
+
+
+def _row_range(text: str) -> range:
+    """An argparse type: image rows, written like 420:701:10."""
+    try:
+        wanted = range(*(int(part) for part in text.split(":")))
+    except (TypeError, ValueError) as error:
+        raise argparse.ArgumentTypeError(f"{text} is not a row range; write it like 420:701:10") from error
+    if ":" not in text or not wanted or min(wanted) < 0:
+        raise argparse.ArgumentTypeError(f"{text} contains no rows of a picture; write it like 420:701:10")
+    return wanted
+
 
 if __name__ == "__main__":
     installed_command()

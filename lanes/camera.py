@@ -19,11 +19,19 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.camera_formats import as_ros_layout, dump_yaml, parse_camera_yaml, parse_distortion
 from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.images import MAX_PIXELS, require_rgb, upright_axes
-from lanes.lens import LENS_MODELS, LensModel, distort_angle, largest_ray
+from lanes.lens import (
+    LENS_MODELS,
+    LensModel,
+    as_ros_layout,
+    distort_angle,
+    dump_yaml,
+    largest_ray,
+    parse_camera_yaml,
+    parse_distortion,
+)
 
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
@@ -388,7 +396,7 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
 
 
 # Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks; others are read as well
-# (lanes/camera_formats.py).
+# (lanes/lens.py).
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:

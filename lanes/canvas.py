@@ -21,17 +21,12 @@ UNLIKELY_COLOUR: Colour = (255, 170, 0)
 LEFT_COLOUR: Colour = (255, 70, 60)
 RIGHT_COLOUR: Colour = (60, 130, 255)
 WINDOW_COLOUR: Colour = (255, 210, 0)
-_TEXT_COLOUR: Colour = (255, 255, 255)
 PANEL_COLOUR: Colour = (16, 18, 22)
 
 # On OpenCV's scale, where 400 is regular and 600 semi-bold.
 _FONT_WEIGHT = 500
-# Default size of text: the root of the image's area divided by this, but at least so many pixels.
-_TEXT_SHARE, _MIN_TEXT_PX = 32, 14
 # Fractional bits of OpenCV's drawing coordinates: 1/16 px is finer than anti-aliasing shows.
 _SHIFT = 4
-# Limit of coordinates: fits in 32-bit integers, far outside any image.
-_MAX_COORDINATE_PX = 1e6
 
 
 def draw_polyline(
@@ -104,12 +99,12 @@ def put_text(
     align, wrap_range = cv2.PUT_TEXT_ALIGN_LEFT, (0, 1 << 20)
     for number, line in enumerate(lines):
         position = _text_margin(size), _text_margin(size) // 2 + number * _line_height(size) + size
-        cv2.putText(image, line, position, _TEXT_COLOUR, _font(), size, _FONT_WEIGHT, align, wrap_range)
+        cv2.putText(image, line, position, (255, 255, 255), _font(), size, _FONT_WEIGHT, align, wrap_range)
 
 
 def text_size(width: int, height: int) -> int:
     """Default font size for images of a size: the same for all frames of a video, whatever the text, pixels."""
-    return max(_MIN_TEXT_PX, round(sqrt(width * height) / _TEXT_SHARE))
+    return max(14, round(sqrt(width * height) / 32))
 
 
 def _line_height(size_px: int) -> int:
@@ -130,7 +125,8 @@ def finite_points(points_px: np.ndarray) -> np.ndarray:
 
 def _to_fixed_point(points_px: np.ndarray) -> np.ndarray:
     """Integers (N, 2) of 1/16 px for OpenCV's drawing functions."""
-    return np.round(points_px.clip(-_MAX_COORDINATE_PX, _MAX_COORDINATE_PX) * (1 << _SHIFT)).astype(np.int32)
+    # a million is far outside any image, and fits in 32 bits
+    return np.round(points_px.clip(-1e6, 1e6) * (1 << _SHIFT)).astype(np.int32)
 
 
 def _fit_text(lines: Sequence[str], size: int, width: int, height: int) -> tuple[int, int, int]:

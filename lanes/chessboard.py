@@ -15,11 +15,6 @@ from lanes.camera import resize_points
 from lanes.errors import CameraError
 from lanes.images import require_rgb
 
-# Start grids for the detection of a part of the board; which of them the detector finds depends on the image.
-_SEED_PATTERNS = ((3, 3), (5, 5))
-# Around each corner, the darker white square minus the brighter black square must be at least this share of the mean
-# contrast of the board. Glare lowers it.
-_MIN_CONTRAST = 0.3
 # Largest relative error of the cross ratio of four corners, the median over a row. Measured: 0.013 on 40 rendered and
 # real boards, mostly 0.012 with fisheye lenses of 140 to 200 degrees, and 0.08 or more if a row is skipped.
 _MAX_UNEVENNESS = 0.07
@@ -106,7 +101,7 @@ def _find_full_board(gray: np.ndarray, pattern: tuple[int, int]) -> tuple[np.nda
 def _find_partial_board(gray: np.ndarray, pattern: tuple[int, int]) -> np.ndarray | None:
     """Largest grid (rows, columns, 2) grown from a small one, or None."""
     best = None
-    for seed in _SEED_PATTERNS:
+    for seed in ((3, 3), (5, 5)):  # which of them the detector finds depends on the image
         found, corners, kind = cv2.findChessboardCornersSBWithMeta(gray, seed, flags=cv2.CALIB_CB_LARGER)
         start = _valid_start_grid(gray, corners.reshape(*kind.shape, 2).astype(np.float32)) if found else None
         if start is None:
@@ -201,9 +196,9 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray, share: float = 1.0) -> bo
     odd = np.indices(grid.shape[:2]).sum(axis=0) % 2 == 1
     one, other = np.where(odd, squares[2:], squares[:2]), np.where(odd, squares[:2], squares[2:])
     bright, dark = (one, other) if one.mean() > other.mean() else (other, one)
-    # both white squares around each corner are brighter than both black ones
+    # both white squares around each corner are brighter than both black ones, in glare not by all of the mean contrast
     contrast = bright.min(axis=0).astype(float) - dark.max(axis=0)
-    return bool((contrast > _MIN_CONTRAST * (bright.mean() - dark.mean())).mean() >= share)
+    return bool((contrast > 0.3 * (bright.mean() - dark.mean())).mean() >= share)
 
 
 def _refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:

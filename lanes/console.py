@@ -6,6 +6,7 @@ import argparse
 import math
 import signal
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from importlib import import_module
@@ -13,6 +14,8 @@ from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrappe
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
+
+from lanes.errors import PoseError
 
 
 def require_opencv() -> None:
@@ -86,7 +89,7 @@ def sigint_blocked() -> Iterator[None]:
 def error_status(error: Exception) -> int:
     """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
-    return getattr(error, "exit_status", 1 if cannot_write else 2)
+    return 1 if cannot_write or isinstance(error, PoseError) else 2
 
 
 def run_command(command: Any, program: str, arguments: list[str]) -> int:
@@ -106,7 +109,9 @@ def run_command(command: Any, program: str, arguments: list[str]) -> int:
     command.add_arguments(parser)
     options = parser.parse_args(arguments)
     try:
-        return command.run(options)
+        with warnings.catch_warnings():
+            warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
+            return command.run(options)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return error_status(error)

@@ -8,10 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from math import degrees
 
-# On a straight road the measured radius is large and of either sign. At this radius a line leaves its tangent by
-# 0.15 m, the width of a marking, over the 30 m that the classic views show.
-_STRAIGHT_RADIUS_M = 3000.0
-
 
 def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
     """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown".
@@ -21,7 +17,9 @@ def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
     """
     if curvature_per_m is None:
         return "bend unknown"
-    size_per_m, least_per_m = abs(curvature_per_m), 1 / _STRAIGHT_RADIUS_M
+    # On a straight road the measured radius is large and of either sign. At 3 km a line leaves its tangent by 0.15 m,
+    # the width of a marking, over the 30 m that the classic views show.
+    size_per_m, least_per_m = abs(curvature_per_m), 1 / 3000
     most_per_m = size_per_m + std_per_m
     if size_per_m < max(std_per_m, least_per_m):
         if most_per_m > 1 / 100:

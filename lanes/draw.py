@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -57,17 +57,16 @@ SHOWN_HALF_WIDTH_M, INSET_SHARE = 4.5, (0.2, 0.42)
 NO_POINTS = np.empty((0, 2))
 
 
-@dataclass(frozen=True, eq=False)
-class LaneOutline:
+class LaneOutline(NamedTuple):
     """Raw pixels (N, 2) of what is drawn of a lane; without points where it is not drawn.
 
     `area` is the polygon between the lines, `ribbons` are those along the left and the right line, `dotted` are these
     lines where they are inferred or the lane is uncertain.
     """
 
-    area: np.ndarray
-    ribbons: tuple[np.ndarray, np.ndarray]
-    dotted: tuple[np.ndarray, np.ndarray]
+    area: np.ndarray = NO_POINTS
+    ribbons: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
+    dotted: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
 
 
 def draw_lane(
@@ -129,7 +128,21 @@ def draw_lane(
     # copied last, because a whole image evicts everything else from the processor's cache
     drawn = image.copy() if onto is None else onto
     if lane and outline:
-        _draw_outline(drawn, lane, camera, outline, parts, {**COLOURS, **(colours or {})}, thickness, opacity)
+        used = {**COLOURS, **(colours or {})}
+        if "area" in parts and len(outline.area):
+            canvas.blend_polygon(drawn, outline.area, used["area"], opacity, edge=cv2.LINE_8)
+        root_px = float(np.sqrt(camera.width * camera.height))
+        likely, stated = lane.confidence >= LIKELY_CONFIDENCE, lane.confidence >= LEAST_CONFIDENCE
+        width_share, step_share = DOT_SHARES if stated else HINT_SHARES
+        dot_px, step_px = max(thickness * root_px / width_share, 1.0), root_px / step_share
+        for name, ribbon, dotted in zip(("left", "right"), outline.ribbons, outline.dotted, strict=True):
+            if "lines" in parts:
+                canvas.fill_polygon(drawn, ribbon, used[name])
+                canvas.draw_dots(drawn, dotted, used[name if likely else "uncertain"], dot_px, step_px)
+        for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
+            if far and "far lines" in parts:
+                far_px = thickness * root_px / DOT_SHARES[0]
+                canvas.draw_polyline(drawn, far.seen_pixels(camera), used[name], far_px)
     if inset is not None:
         drawn[: inset.shape[0], -inset.shape[1] :] = inset
     if "words" in parts:
@@ -143,32 +156,6 @@ def _require_known(what: str, names: Collection[str], known: Collection[str]) ->
             raise ValueError(f"there is no {what} {name!r}; the {what}s are {', '.join(known)}.")
 
 
-def _draw_outline(
-    drawn: np.ndarray,
-    lane: Lane,
-    camera: Camera,
-    outline: LaneOutline,
-    parts: Collection[str],
-    colours: Mapping[str, canvas.Colour],
-    thickness: float,
-    opacity: float,
-) -> None:
-    """Draw the parts of a lane on an image."""
-    if "area" in parts and len(outline.area):
-        canvas.blend_polygon(drawn, outline.area, colours["area"], opacity, edge=cv2.LINE_8)
-    root_px = float(np.sqrt(camera.width * camera.height))
-    likely, stated = lane.confidence >= LIKELY_CONFIDENCE, lane.confidence >= LEAST_CONFIDENCE
-    width_share, step_share = DOT_SHARES if stated else HINT_SHARES
-    dot_px, step_px = max(thickness * root_px / width_share, 1.0), root_px / step_share
-    for name, ribbon, dotted in zip(("left", "right"), outline.ribbons, outline.dotted, strict=True):
-        if "lines" in parts:
-            canvas.fill_polygon(drawn, ribbon, colours[name])
-            canvas.draw_dots(drawn, dotted, colours[name if likely else "uncertain"], dot_px, step_px)
-    for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
-        if far and "far lines" in parts:
-            canvas.draw_polyline(drawn, far.seen_pixels(camera), colours[name], thickness * root_px / DOT_SHARES[0])
-
-
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
     """What is drawn of a lane: each line up to its farthest marking, the area up to the nearer end of both.
 
@@ -178,7 +165,7 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
     ends_m = [max(end_m, start_m) for end_m in lane.ends_m]
     farthest_m = max(ends_m)
     if farthest_m <= start_m:
-        return LaneOutline(NO_POINTS, (NO_POINTS, NO_POINTS), (NO_POINTS, NO_POINTS))
+        return LaneOutline()
     along_m = np.minimum(start_m * (farthest_m / start_m) ** SHARES, farthest_m)
     along_m = np.sort(np.append(along_m, min(ends_m)))
     # the outer edge of each ribbon, or the line that is dotted, and the inner edges
@@ -193,14 +180,9 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
         first, second = (visible_part(line[:count]) for line in lines)
         return np.concatenate([first, second[::-1]])
 
-    ribbons, dotted = [NO_POINTS, NO_POINTS], [NO_POINTS, NO_POINTS]
-    for k, count in enumerate(counts):
-        if seen[k]:
-            ribbons[k] = polygon(pixels[:, k], count)
-        else:
-            dotted[k] = visible_part(pixels[0, k, :count])
-    area = polygon(pixels[1], min(counts)) if likely else NO_POINTS
-    return LaneOutline(area, (ribbons[0], ribbons[1]), (dotted[0], dotted[1]))
+    ribbons = [polygon(pixels[:, k], count) if seen[k] else NO_POINTS for k, count in enumerate(counts)]
+    dotted = [NO_POINTS if seen[k] else visible_part(pixels[0, k, :count]) for k, count in enumerate(counts)]
+    return LaneOutline(polygon(pixels[1], min(counts)) if likely else NO_POINTS, ribbons, dotted)
 
 
 def _start_m(lane: Lane, camera: Camera) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import closing, nullcontext, suppress
@@ -32,16 +33,14 @@ from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.images import opencv_threads, read_image, write_image
 from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report.page import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
+from lanes.report import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
-from lanes.video.process import process_video, read_frames
-from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video
+from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video, read_frames
 from lanes.video.robot_log import index_log
-
-SEVERAL_CAMERAS = " If the pictures are of several cameras, annotate them with --each."
+from lanes.video.writer import process_video
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +88,7 @@ class DriveSettings:
         if camera is None:
             field = self.field_of(file)
             if doubt := field.doubt_about(size):
-                print(f"warning: {file}: {doubt}.", file=sys.stderr)
+                warnings.warn(f"{file}: {doubt}.", stacklevel=1)
             return field.camera(size)
         if camera.pose is None and (turned := camera.turned(read_turn(file))).has_aspect_of(size):
             camera = turned
@@ -346,12 +345,12 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     count, missing = written.frames, written.missing
     more = f" ({missing} more {'is' if missing == 1 else 'are'} damaged or missing in the video)" if missing else ""
     outputs = (target, path) + ((path.with_suffix(MESSAGES_SUFFIX),) if info.topic else ())
-    warnings = _find_warnings(info, camera, settings, telemetry)
+    doubts = _find_warnings(info, camera, settings, telemetry)
     other_poses = _describe_other_poses(telemetry, camera.require_pose())
     if not other_poses:  # with another pose for a part of the drive, its angles cannot be compared
-        warnings += _find_moved_camera(pose, telemetry)
+        doubts += _find_moved_camera(pose, telemetry)
     if info.has_audio and not written.has_audio:
-        warnings.append(f"its sound cannot be decoded; {target} has no sound")
+        doubts.append(f"its sound cannot be decoded; {target} has no sound")
     if settings.report:
         page = target.with_suffix(".html")
         write_report(
@@ -360,7 +359,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             video=target,
             telemetry=telemetry,
             settings=_describe_run(video, camera, pose, settings) | {"frames": f"{count} frames{more}"},
-            warnings=[*_pose_warnings(video, pose, settings), *warnings],
+            warnings=[*_pose_warnings(video, pose, settings), *doubts],
             command=_explain_command(video, settings),
         )
         outputs += (page,)
@@ -370,17 +369,16 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{describe_confidence(telemetry)}; {count / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{' and report' if settings.report else ''} next to it"
     )
-    lines += [f"{video}: {words}" for words in (*other_poses, *warnings)]
+    lines += [f"{video}: {words}" for words in (*other_poses, *doubts)]
     return Annotation(outputs, telemetry, "\n".join(lines), pose, missing)
 
 
 def _find_warnings(info: VideoInfo, camera: Camera, settings: DriveSettings, telemetry: Telemetry) -> list[str]:
     """What seems to be wrong with a video or its camera, a sentence each."""
     mirrored = MIRRORED_WORDS if info.mirrored else None
-    found: list[str | None] = [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note]
-    if settings.camera_offset_m is None and not camera.offset_m:
-        found.append(describe_crossings(telemetry, camera.car_width_m))
-    return list(filter(None, found))
+    centred = settings.camera_offset_m is None and not camera.offset_m
+    crossings = describe_crossings(telemetry, camera.car_width_m) if centred else None
+    return list(filter(None, [describe_jumps(telemetry["time_s"], info.fps), mirrored, info.note, crossings]))
 
 
 def _describe_other_poses(telemetry: Telemetry, first: CameraPose) -> list[str]:
@@ -479,7 +477,8 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     if pose:
         lines.append(pose.describe())
         if pose.state != ESTIMATED:
-            lines.append(f"hint: few pictures show this camera pose.{SEVERAL_CAMERAS}")
+            remedy = "If the pictures are of several cameras, annotate them with --each."
+            lines.append(f"hint: few pictures show this camera pose. {remedy}")
     telemetry = table.columns()
     found_words = f"{describe_shares(telemetry)}{describe_confidence(telemetry)}"
     lines.append(f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} to {path.parent}")

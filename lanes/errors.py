@@ -31,9 +31,6 @@ class CameraError(LaneError):
 class PoseError(LaneError):
     """The camera pose cannot be estimated from the images; the message says why and what to do."""
 
-    # Exit status of a command: the input is valid, but the task failed.
-    exit_status = 1
-
 
 class VideoError(LaneError):
     """A video cannot be used; the message names the file, the fault and a remedy."""

@@ -36,10 +36,6 @@ OTHER_PICTURES = (
     "--end) or pictures that show both lines by day, or a camera file with the pose (--camera). Annotate stills of "
     "several cameras with --each."
 )
-# Rejected lanes that are described, best first.
-MAX_REJECTED = 3
-# A feature of the confidence that costs less, as log odds, is no weakness.
-MIN_LOSS = 1.0
 # Stripes parallel to the lane in a strip of this width are a line, if they are on this share of the rows.
 STRIP_M, LEAST_PAINT = 0.4, 0.15
 
@@ -103,14 +99,14 @@ class Explanation(ByValue):
         words = {"state": LOST}
         if self.lane:
             terms = self.lane.log_odds_terms
-            total = " ".join(f"{term:+.2f} ({name})" for name, term in terms.items())
-            odds = f"log odds {sum(terms.values()):+.2f} = {total}"
+            total = " ".join(f"{term:+z.2f} ({name})" for name, term in terms.items())
+            odds = f"log odds {sum(terms.values()):+z.2f} = {total}"
             words = self.lane.summary() | {"confidence": f"{self.lane.confidence:.0%}, {odds}"}
             words["weakest"], _ = _weakest_evidence(self.lane, "")
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
             words |= {"ignored": ignored} if ignored else {}
         rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
-        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:MAX_REJECTED]
+        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:3]
 
     __str__ = describe
 
@@ -264,19 +260,15 @@ def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
         best_p, minimum_p = strength_weight(np.array([best, minimum]))
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
         failure = f"no paint is found with a probability above {minimum_p:.0%}."
-    if best > minimum:
-        return Step("markings", summary)
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
-    return Step("markings", summary, failure, advice + pose_advice)
+    return Step("markings", summary, "" if best > minimum else failure, advice + pose_advice)
 
 
 def _check_stripes(evidence: Evidence, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
     count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
     summary = f"{count} candidates, {near} of them within {near_m} m"
-    if near:
-        return Step("stripes", summary)
-    failure = f"no stripe is nearer than {near_m} m, where the search starts."
+    failure = "" if near else f"no stripe is nearer than {near_m} m, where the search starts."
     advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
     return Step("stripes", summary, failure, advice + pose_advice)
 
@@ -329,7 +321,8 @@ def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
         )
     losses = log_odds_losses(lane.features)
     feature = max(losses, key=losses.__getitem__)
-    return _describe_weakness(lane, feature if losses[feature] >= MIN_LOSS else "weaker line", pose_advice)
+    # what costs less than 1 of the log odds is no weakness
+    return _describe_weakness(lane, feature if losses[feature] >= 1 else "weaker line", pose_advice)
 
 
 def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:

@@ -23,8 +23,6 @@ from lanes.video.robot_log import index_log, is_robot_log, open_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
-# Largest angle of a phone across its longer side, degrees: main cameras of 23 mm (35 mm equivalent) have 79 at 16:9.
-_MAX_PHONE_DEG = 80
 GIVEN = "as given"
 
 
@@ -65,7 +63,8 @@ class FieldOfView:
         """Why portrait images of `size` (width, height) hardly have the given angle, and the remedy; or nothing."""
         (width, height), deg = size, self.hfov_deg
         longer_deg = _other_side(deg, width, height)
-        if self.source != GIVEN or self.lens or width >= height or longer_deg <= _MAX_PHONE_DEG:
+        # main cameras of phones have up to 79 degrees: 23 mm (35 mm equivalent) at 16:9
+        if self.source != GIVEN or self.lens or width >= height or longer_deg <= 80:
             return ""
         return (
             f"the images are in portrait, and --hfov {deg:g} across their narrow side is {longer_deg:.0f} deg across "

@@ -99,8 +99,8 @@ def figure_kind(path: Path) -> str:
 
 # Figure of an explanation: one panel per step.
 
-# Width of the plots of the road to either side: that of the bird's-eye view; and what is as far as the horizon.
-_ROAD_HALF_WIDTH_M, _INFINITY_M = 9.0, 1e7
+# Width of the plots of the road to either side: that of the bird's-eye view.
+_ROAD_HALF_WIDTH_M = 9.0
 _HORIZON_COLOUR, _FAILED_COLOUR = rgb((255, 60, 255)), "firebrick"
 
 
@@ -149,7 +149,7 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
     camera = replace(explanation.camera, distortion=np.zeros(5))
     height, width = explanation.image.shape[:2]
     axis.imshow(undistort(explanation.image, explanation.camera))
-    ends = camera.road_to_pixels(_INFINITY_M * np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))
+    ends = camera.road_to_pixels(1e7 * np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]]))  # as far as the horizon
     axis.plot(*ends.T, color=_HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose")
     axis.plot(*ends[1], "+", color=_HORIZON_COLOUR, ms=14, mew=2, label="straight ahead of the car")
     for x_m in _MARKED_M:
@@ -159,7 +159,7 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
             axis.annotate(f"{x_m} m ", mark[0], color=rgb(WINDOW_COLOUR), fontsize=8, ha="right", va="center")
     if (lane := explanation.lane) is not None:
         ahead = np.array([[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]])
-        pixel = camera.road_to_pixels(_INFINITY_M * ahead)[0]
+        pixel = camera.road_to_pixels(1e7 * ahead)[0]
         axis.plot(*pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane")
     axis.set(xlim=(0, width), ylim=(height, 0))
     axis.set_axis_off()

@@ -29,8 +29,6 @@ _PARTIAL = ".partial"
 MESSAGES_SUFFIX = ".lane.mcap"
 # A second writer waits this long for the lock: as long as it takes to write a small file.
 _LOCK_TIMEOUT_S = 1.0
-# Longer names would leave no room for what is added to the name of a partial file; file systems allow 255 bytes.
-_MAX_NAME_BYTES = 230
 NO_PERMISSION = "{}: permission denied; get read permission, or copy it."
 # What is there instead of a file, by `stat`; anything else is a device.
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
@@ -246,7 +244,8 @@ def locked(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
 def partial_files(path: Path) -> tuple[Path, Path]:
     """The partial file of an output, and the lock of its writer; both are in the output's folder."""
     stem = path.stem
-    if len(os.fsencode(path.name)) > _MAX_NAME_BYTES:
+    # File systems allow 255 bytes: longer names would leave no room for what is added.
+    if len(os.fsencode(path.name)) > 230:
         stem = f"{stem[:40]}-{zlib.crc32(os.fsencode(stem)):08x}"
     name = f"{stem}{_PARTIAL}{path.suffix}"
     return path.with_name(name), path.with_name(f"{name}.lock")

@@ -27,7 +27,7 @@ from lanes.drive import DriveSettings, annotate_drive, output_path, versions
 from lanes.errors import VideoError
 from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
-from lanes.report.page import frame_lengths_s, seconds_lost, share_tracked
+from lanes.report import frame_lengths_s, seconds_lost, share_tracked
 from lanes.video.robot_log import file_of_log
 
 if TYPE_CHECKING:

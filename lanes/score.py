@@ -14,24 +14,24 @@ labelled point count.
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from html import escape
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.describe import number_cells
 from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
-from lanes.labels import SAME_ROW_PX, LaneColumns
+from lanes.images import read_image
+from lanes.labels import SAME_ROW_PX, LaneColumns, find_picture
+from lanes.report import fill_page
 
-# TuSimple's tolerance of a point, accuracy of a matched line, and size of its stills. A line with fewer labelled
-# points than the last number has no reliable direction and is not scored.
-_TOLERANCE_PX, _MATCH_ACCURACY, TUSIMPLE_SIZE, _MIN_POINTS = 20.0, 0.85, (1280, 720), 4
-# The official score of a still is 0 with more surplus predictions than this. Of more labelled lines than the second,
-# the worst is left out. Missing points are put at the third, so that they are far from all others.
-_MAX_SURPLUS, _MAX_LABELLED, _MISSING_PX = 2, 4, -100.0
-# It is 0 also for a prediction that took longer.
-_MAX_RUN_TIME_MS = 200.0
+# TuSimple's tolerance of a point, accuracy of a matched line, size of its stills, and longest time of a prediction.
+_TOLERANCE_PX, _MATCH_ACCURACY, TUSIMPLE_SIZE, _MAX_RUN_TIME_MS = 20.0, 0.85, (1280, 720), 200.0
 # The numbers of a still's score: shares, and lateral errors in metres at these distances.
 SHARES = ("right", "TuSimple", "FP", "FN", "ego accuracy", "ego matched")
 DISTANCES = tuple(f"{x_m:g} m" for x_m in CORRECT_AT_M)
@@ -66,7 +66,8 @@ def score_still(
     error_px = np.where(columns >= 0, np.abs(columns - true.columns), np.inf)
     correct = labelled & (error_px < _tolerances_px(true, scale))
     points = labelled.sum(axis=1)
-    accuracy = np.where(points >= _MIN_POINTS, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
+    # the direction of a line with fewer points is not reliable
+    accuracy = np.where(points >= 4, correct.sum(axis=1) / np.maximum(points, 1), np.nan)
     matched = np.where(np.isfinite(accuracy), accuracy >= _MATCH_ACCURACY, np.nan)
     right = bool(np.nanmin(matched)) if np.isfinite(matched).any() else None
     if label.empty:
@@ -81,16 +82,20 @@ def score_still(
 def _official_score(
     label: LaneColumns, predicted: np.ndarray, scale: float, *, late: bool
 ) -> tuple[float, float, float]:
-    """TuSimple's accuracy, FP and FN of predicted columns (K, R); `late` if they took too long."""
-    lines, count = len(label.columns), max(min(len(label.columns), _MAX_LABELLED), 1)
+    """TuSimple's accuracy, FP and FN of predicted columns (K, R); `late` if they took too long.
+
+    With more than two surplus predictions the accuracy is 0. Of more than four labelled lines the worst is left out.
+    """
+    lines, count = len(label.columns), max(min(len(label.columns), 4), 1)
     if not len(label.rows):
         return np.nan, np.nan, np.nan
-    if late or len(predicted) > lines + _MAX_SURPLUS:
+    if late or len(predicted) > lines + 2:
         return 0.0, 0.0, 1.0
-    found, true = (np.where(columns >= 0, columns, _MISSING_PX) for columns in (predicted, label.columns))
+    # missing points are far from all others
+    found, true = (np.where(columns >= 0, columns, -100.0) for columns in (predicted, label.columns))
     correct = np.abs(found - true[:, None]) < _tolerances_px(label, scale)[:, None]
     best = correct.mean(axis=2).max(axis=1, initial=0.0)
-    matched, left_out = int((best >= _MATCH_ACCURACY).sum()), lines > _MAX_LABELLED
+    matched, left_out = int((best >= _MATCH_ACCURACY).sum()), lines > 4
     false = (len(predicted) - matched) / max(len(predicted), 1)
     missed = lines - matched - (left_out and lines > matched)
     return float(best.sum() - left_out * best.min(initial=1.0)) / count, false, missed / count
@@ -180,3 +185,37 @@ def describe_predictions(
         (f"predictions end before labelled rows, which count as missing (rows {rows})", lacking),
         (f"predictions took more than {_MAX_RUN_TIME_MS:g} ms, which TuSimple's score counts as not found", late),
     ]
+
+
+# The page: its tables, and the worst stills with labels and predictions, which its script draws.
+
+
+def write_score_page(
+    path: Path, folder: Path, scores: Sequence[StillScore], tables: Mapping[str, Table], words: Mapping[str, str]
+) -> Path:
+    """Write the page of scores of stills in a folder, with their `score_tables`, a title and notes; returns `path`."""
+    stills = [
+        _still(s, find_picture(folder, name)) for name in tables["worst stills"] for s in scores if s.label.name == name
+    ]
+    data = {"tables": {name: number_cells(rows) for name, rows in tables.items()}, "stills": stills}
+    return fill_page(path, "score", {name: escape(text) for name, text in words.items()}, data)
+
+
+def _still(score: StillScore, picture: Path) -> dict:
+    """A still with its lines for the script; without JPEG data if its file is missing."""
+    from PIL import Image
+
+    jpeg = BytesIO()
+    if picture.is_file():
+        image = Image.fromarray(read_image(picture))
+        image.thumbnail((960, 960))
+        image.save(jpeg, "JPEG", quality=80)  # about 100 kB
+    lanes = [(lane.rows, lane.columns, lane.ego_lane(score.size).columns) for lane in (score.label, score.prediction)]
+    return {
+        "name": score.label.name,
+        "right": score.right,
+        "confidence": score.prediction.confidence,
+        "size": score.size,
+        "lanes": [[array.tolist() for array in lane] for lane in lanes],
+        "jpeg": base64.b64encode(jpeg.getvalue()).decode(),
+    }

@@ -18,9 +18,6 @@ from lanes.images import kind_of_file, natural_key, read_image, read_orientation
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 from lanes.video.robot_log import is_bag_folder, is_robot_log
 
-# Reading this much of a video takes about as long as reopening it at another time.
-_SEEK_S = 2.0
-
 
 @dataclass(frozen=True)
 class Sources:
@@ -152,11 +149,14 @@ def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s
 
 
 def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: str | None) -> Iterator[np.ndarray]:
-    """The frames shown at increasing times before `end_s`; seeks if the next time is more than `_SEEK_S` ahead."""
+    """The frames shown at increasing times before `end_s`; seeks if the next time is more than two seconds ahead.
+
+    Reading so much of a video takes about as long as reopening it at another time.
+    """
     frames: Iterator[TimedFrame] = iter(())
     now_s = -np.inf
     for time_s in times_s:
-        if time_s > now_s + _SEEK_S:
+        if time_s > now_s + 2.0:
             frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
         try:
             frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)

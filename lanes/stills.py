@@ -23,8 +23,6 @@ from lanes.errors import require_type
 
 # Heights of cameras in cars, vans and lorries, metres.
 HEIGHT_RANGE_M = 0.5, 4.5
-# Two lanes are the same if both lines are within this share of the image's width, in four of five rows.
-_SAME_LINE_SHARE = 0.02
 
 
 def find_lane(
@@ -137,11 +135,12 @@ def _search(evidence: Evidence, settings: DetectorSettings) -> StillDetection:
 def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
     """(N, N) bool: which of the lanes with these columns (N, 2, rows) are the same in the image; symmetric.
 
-    Every lane is the same as itself, also if it is seen in too few rows to be compared.
+    Both lines are within 2 % of the image's width in four of five rows. Every lane is the same as itself, also if it is
+    seen in too few rows to be compared.
     """
     first, second = columns[:, None], columns[None]
     common = (first >= 0) & (second >= 0)
-    near = common & (np.abs(first - second) < _SAME_LINE_SHARE * camera.width)
+    near = common & (np.abs(first - second) < 0.02 * camera.width)
     count = common.sum(axis=-1)
     enough = (near.sum(axis=-1) >= 0.8 * count) & (count >= 4)
     return enough.all(axis=-1) | np.eye(len(columns), dtype=bool)

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 import lanes
+from lanes.__main__ import Annotate
 from lanes.camera import Camera, CameraPose, load_camera, save_camera
-from lanes.cli import Annotate
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
@@ -165,7 +165,7 @@ def test_messages_of_annotate_name_its_own_options():
     parser = argparse.ArgumentParser()
     Annotate().add_arguments(parser)
     folder = Path(lanes.annotate.__code__.co_filename).parent
-    others = ("cli.py", "explanation.py")
+    others = ("__main__.py", "explanation.py")
     for file in folder.rglob("*.py"):
         for option in re.findall(r"(?<![-\w])--[a-z][a-z-]*", file.read_text() if file.name not in others else ""):
             # the report names the command that explains a moment: `explain --at`

@@ -12,8 +12,8 @@ import pytest
 from PIL import ExifTags, Image
 
 from lanes.camera import Camera, CameraPose, save_camera
-from lanes.detections import usual_rows
 from lanes.images import write_image
+from lanes.labels import usual_rows
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_clip
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

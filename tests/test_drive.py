@@ -12,11 +12,11 @@ import pytest
 from PIL import Image
 
 from lanes.camera import Camera, save_camera
-from lanes.detections import detect_in_video
 from lanes.drive import Annotation, DriveSettings, annotate
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
+from lanes.labels import detect_in_video
 from lanes.pose import PoseEstimate
 from lanes.stills import detect_still
 from lanes.tracking.tracker import LaneTracker

@@ -458,7 +458,7 @@ def test_label_takes_the_topic_and_a_part(tmp_path, run, monkeypatch):
     gray = [np.full((360, 640, 3), shade, np.uint8) for shade in (0, 40, 80, 120, 160, 200)]
     topics = {"/front": stamp_images(gray, STAMPS, ".png"), "/rear": stamp_images([gray[5]] * 6, STAMPS, ".png")}
     path = write_messages(tmp_path / "drive.mcap", topics)
-    server = pytest.importorskip("lanes.label.server", reason="tornado is not installed")
+    server = pytest.importorskip("lanes.label", reason="tornado is not installed")
 
     async def ended(*_: object) -> None: ...
 

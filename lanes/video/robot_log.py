@@ -28,7 +28,7 @@ import numpy as np
 
 from lanes.errors import LaneError, VideoError
 from lanes.files import parse_yaml, protobuf_fields, read_text, require_file
-from lanes.video.container import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
+from lanes.video import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 from lanes.video.log_images import count_bits, decode_image, decode_video, find_peak, is_key_frame
 
 # Ends of the names of logs, also compressed by rosbag2.
@@ -280,13 +280,9 @@ _OTHER_KINDS = ("FFMPEGPacket", "H264Packet")
 _PACKAGES = ("sensor_msgs", "foxglove", "foxglove_msgs")
 # Encodings of messages that are read.
 _READ = ("cdr", "ros1", "protobuf", "json")
-# A stamp is an outlier if it is farther than this from the median of those of five images.
-_OUTLIER_S = 1.0
 # A longer step is that of a clock, or joins two recordings. It is shortened to a step after which the tracker starts
 # again.
 _JUMP_S, _SHORTENED_S = 60.0, 5.0
-# Images whose largest values are looked at.
-_PEAKS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -328,7 +324,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
     found, peaks, codec, keys = [], [], "", []
     with open_log(path) as log:
         topic = _choose_topic(path, log.topics, topic)
-        name, every = f"{path}: {topic}", max(1, log.topics[topic].count // _PEAKS)
+        name, every = f"{path}: {topic}", max(1, log.topics[topic].count // 16)  # so many peaks are looked at
         for place, (recorded_ns, message) in enumerate(log.messages(topic)):
             found.append((_stamp_ns(message), recorded_ns))
             if log.topics[topic].kind == "CompressedVideo":
@@ -421,14 +417,14 @@ def _usable_stamps(stamps_ns: np.ndarray, recorded_ns: np.ndarray) -> tuple[np.n
 
 
 def _find_outliers(stamps_ns: np.ndarray) -> np.ndarray:
-    """Which stamps (N,) are far from the median of five in a row."""
+    """Which stamps (N,) are more than a second, and three usual steps, from the median of five in a row."""
     if len(stamps_ns) < 3:
         return np.zeros(len(stamps_ns), bool)
     # continued beyond the ends by a reflection: the median of stamps in order is always the one in the middle
     before, after = 2 * stamps_ns[0] - stamps_ns[2:0:-1], 2 * stamps_ns[-1] - stamps_ns[-2:-4:-1]
     five = np.lib.stride_tricks.sliding_window_view(np.concatenate([before, stamps_ns, after]), 5)
     usual_ns = np.median(np.abs(np.diff(stamps_ns)))
-    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9 * _OUTLIER_S, 3 * usual_ns)
+    return np.abs(stamps_ns - np.median(five, axis=1)) > max(1e9, 3 * usual_ns)
 
 
 def _describe_times(outliers: int, steps_s: np.ndarray) -> str:

@@ -16,7 +16,7 @@ import helpers
 import lanes
 from benchmark.consistency import consistency_table
 from benchmark.reporting.tables import read_scores
-from lanes.cli import COMMANDS
+from lanes.__main__ import COMMANDS
 from tests.support.project import ROOT
 
 # Commands that are modules, imported when they are needed; those of `lanes` are classes.

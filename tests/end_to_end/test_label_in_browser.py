@@ -15,7 +15,7 @@ from selenium.webdriver.common.by import By
 from lanes.camera import save_camera
 from lanes.detect.lane import columns_at
 from lanes.images import write_image
-from lanes.label.curve import label_rows
+from lanes.label import label_rows
 from lanes.labels import EGO_SIDES, NO_POINT, read_labels
 from lanes.score import score_still
 from tests.support.browser import needs_browser, open_browser

@@ -7,7 +7,7 @@ import pytest
 from selenium.webdriver import Keys
 
 from lanes.describe import describe_bend
-from lanes.report.page import write_report
+from lanes.report import write_report
 from lanes.video.writer import VideoWriter
 from tests.report.test_page import story
 from tests.support.browser import needs_browser, open_browser

@@ -6,8 +6,7 @@ import numpy as np
 
 from lanes.images import write_image
 from lanes.labels import LaneColumns
-from lanes.report.score_page import write_score_page
-from lanes.score import score_still, score_tables
+from lanes.score import score_still, score_tables, write_score_page
 from tests.support.browser import needs_browser, open_browser
 
 pytestmark = needs_browser

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.lane import columns_at
-from lanes.label.curve import NO_POINT, fit_line, label_rows
+from lanes.label import NO_POINT, fit_line, label_rows
 from simulator.painted_drive import DASH_M
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry

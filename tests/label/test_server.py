@@ -135,6 +135,6 @@ def test_a_failed_comparison_is_a_sentence_and_the_session_goes_on(tmp_path):
 
 
 def test_without_tornado_a_sentence_says_what_to_install(folder, monkeypatch, capsys):
-    monkeypatch.setitem(sys.modules, "lanes.label.server", None)
+    monkeypatch.setitem(sys.modules, "lanes.label", None)
     assert main(["label", "--no-browser", str(folder)]) == 1
     assert "pip install 'tornado" in capsys.readouterr().err

@@ -11,7 +11,7 @@ import pytest
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.images import read_image, write_image
-from lanes.label.session import Session, pick_stills
+from lanes.label import Session, pick_stills
 from lanes.labels import read_labels
 from lanes.video.reader import read_video
 from tests.support.clips import write_clip

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import benchmark.__main__
-import lanes.cli
+import lanes.__main__
 import simulator.__main__
 from tests.support.project import ROOT
 
@@ -20,7 +20,7 @@ PROGRAMS = {"benchmark": benchmark.__main__, "simulator": simulator.__main__}
 def main(arguments: list[str]) -> int:
     """Run a command in this process and return its exit status."""
     program = PROGRAMS.get(arguments[0])
-    return program.main(arguments[1:]) if program else lanes.cli.main(arguments)
+    return program.main(arguments[1:]) if program else lanes.__main__.main(arguments)
 
 
 def process(*arguments: object, python: tuple[str, ...] = ()) -> list[str]:

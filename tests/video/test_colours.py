@@ -8,9 +8,8 @@ import av
 import numpy as np
 import pytest
 
-from lanes.video.process import process_video
 from lanes.video.reader import read_video
-from lanes.video.writer import VideoWriter
+from lanes.video.writer import VideoWriter, process_video
 from tests.video.sample_videos import unchanged
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]

@@ -10,11 +10,9 @@ import pytest
 
 from lanes.errors import VideoError
 from lanes.images import MAX_PIXELS
-from lanes.video import container
-from lanes.video.container import open_video
-from lanes.video.process import process_video
-from lanes.video.reader import inspect_video, read_timed_frames, read_video
-from lanes.video.writer import VideoWriter
+from lanes.video import reader
+from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
+from lanes.video.writer import VideoWriter, process_video
 from tests.video.sample_videos import encode, make_video, number_of, numbered, unchanged
 
 
@@ -49,7 +47,7 @@ def test_a_huge_size_inside_a_video_is_damage(tmp_path):
 
 
 def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
-    monkeypatch.setattr(container, "MAX_PIXELS", 160 * 96 - 1)
+    monkeypatch.setattr(reader, "MAX_PIXELS", 160 * 96 - 1)
     with pytest.raises(VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"):
         inspect_video(video)
     assert MAX_PIXELS > 7680 * 4320

@@ -14,9 +14,8 @@ import pytest
 
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
-from lanes.video.process import process_video
 from lanes.video.reader import read_timed_frames, read_video
-from lanes.video.writer import VideoWriter
+from lanes.video.writer import VideoWriter, process_video
 from tests.video.sample_videos import NTSC, make_video, number_of, numbered, unchanged
 
 

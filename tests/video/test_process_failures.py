@@ -14,8 +14,7 @@ import pytest
 
 from lanes.camera import Camera, undistort
 from lanes.errors import LaneError, PictureError, VideoError
-from lanes.video.process import process_video
-from lanes.video.writer import VideoWriter
+from lanes.video.writer import VideoWriter, process_video
 from tests.video.sample_videos import numbered, unchanged
 
 

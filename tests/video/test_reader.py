@@ -11,8 +11,8 @@ import pytest
 
 from lanes.errors import VideoError
 from lanes.images import as_stored, make_upright
-from lanes.video.process import process_video
 from lanes.video.reader import inspect_video, read_timed_frames, read_video
+from lanes.video.writer import process_video
 from tests.video.sample_videos import (
     NTSC,
     SIZE,

@@ -5,8 +5,8 @@ from __future__ import annotations
 import av
 import pytest
 
-from lanes.video.process import process_video
 from lanes.video.reader import inspect_video
+from lanes.video.writer import process_video
 from tests.video.sample_videos import (
     make_video,
     make_video_with_unknown_sound,

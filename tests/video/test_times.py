@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from lanes.files import read_telemetry
-from lanes.video.process import process_video
 from lanes.video.reader import describe_jumps, inspect_video, read_timed_frames
-from lanes.video.writer import VideoWriter
+from lanes.video.writer import VideoWriter, process_video
 from tests.support.avi_file import encode_chunks, uncoded_frame, write_avi
 from tests.video.sample_videos import SIZE, number_of, numbered, tone_starts_s, unchanged
 

@@ -1,1 +1,0 @@
-"""The offline page of an annotated drive."""
