@@ -115,7 +115,7 @@ def test_the_worse_line_counts_and_correct_is_up_to_20_m():
 
 
 class TestOnTheLine:
-    """The car's centre is 0.3 m from a line: it changes to the lane on the other side."""
+    """The car's centre is 0.3 m from a line, or 0.5 m: it changes to the lane on the other side."""
 
     def drive(self, lateral_m: float) -> tuple[LaneTruth, DriveEstimates, DriveEstimates]:
         """Truth of the lane around 0; estimates without error of this lane and of the one that the car is nearer to."""
@@ -130,21 +130,14 @@ class TestOnTheLine:
         other = estimate(lines_through(lines[1]), -at_car[1].mean(), 0.0, 1 / (400 - side * WIDTH), 0.99)
         return lane, perfect(lane), DriveEstimates.from_frames([other] * N, [1.0] * N)
 
-    @pytest.mark.parametrize("lateral_m", [1.5, -1.5])
-    def test_either_lane_is_correct(self, lateral_m):
+    @pytest.mark.parametrize(("lateral_m", "either"), [(1.5, True), (-1.5, True), (1.3, False)])
+    def test_either_lane_is_correct_only_near_the_line(self, lateral_m, either):
         lane, own, other = self.drive(lateral_m)
-        for estimates in (own, other):
-            errors = frame_errors(estimates, lane)
-            assert errors.correct.all()
-            assert max(errors.lateral_m.max(), errors.offset_m.max()) < 0.001
-            assert errors.curvature_per_m.max() < 1e-6
-
-    def test_farther_from_the_line_only_the_ego_lane_is(self):
-        lane, own, left = self.drive(1.3)
         assert frame_errors(own, lane).correct.all()
-        errors = frame_errors(left, lane)
-        assert not errors.correct.any()
-        assert errors.offset_m == pytest.approx(WIDTH, abs=1e-3)
+        errors = frame_errors(other, lane)
+        assert errors.correct.tolist() == [either] * N
+        assert errors.offset_m == pytest.approx(0.0 if either else WIDTH, abs=1e-3)
+        assert not either or (errors.lateral_m.max() < 0.001 and errors.curvature_per_m.max() < 1e-6)
 
     def test_the_error_is_not_smaller_where_the_line_ends_after_5_m(self):
         lane, own, left = self.drive(1.5)

@@ -1,6 +1,7 @@
 """The usual wrong answers to the exercises: a part of the hint, then code, or changes (old, new) of the solution.
 
-`tests/course/test_exercises.py` tests how the numbers of an answer are compared with those of the listed mistakes.
+`tests/course/test_exercises.py` tests how the numbers of an answer are compared with those of the listed mistakes, and
+the hints whose answers take long.
 """
 
 from __future__ import annotations
@@ -14,7 +15,6 @@ STEP_IN_GAP = "\n        column += step", "\n            column += step"
 ENDS = "ends_m = np.array([[7, np.polyval(left_road, 7)], [7, np.polyval(right_road, 7)]]); bar_px = "
 WIDTHS = "np.all(np.abs(widths_m - 3.7) < 0.6)"
 HALF = "np.where(left, width_m / 2, -width_m / 2)"
-FINDER = "def honest_finder(image, camera):\n    return "
 GRADIENT = "cells.T @ too_large / len(cells), too_large.mean()"
 
 WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
@@ -113,8 +113,8 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("None is returned", ("return state, P\n", "return None\n")),
     ],
     "13.1": [
-        ("you cover the image itself", ("image.copy()", "image")),
-        ("this is the left line alone", ("lines_m).max()", "lines_m)[0, 0]")),
+        ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((16, 5))"),
+        ("Take the absolute difference", "occlusion_map = lambda image, camera: np.full((5, 16), -0.1)"),
     ],
     "14.1": [
         ("the other way round", ("-confidence", "confidence")),
@@ -122,9 +122,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("return 0, not 1.0", ("else 0", "else 1.0")),
     ],
     "15.1": [
-        ("find_lane is the engine", FINDER + "lanes.find_lane(image, camera)"),
-        ("In the hairpins, return None", "honest_finder = joint_finder"),
-        ("left line first", FINDER + "[(0.0, 0.0, 640.0), (0.0, 0.0, 200.0)]"),
+        ("find_lane is the engine", "honest_finder = lambda image, camera: lanes.find_lane(image, camera)"),
     ],
     "16.1": [
         ("points downhill", (GRADIENT, f"-{GRADIENT}")),

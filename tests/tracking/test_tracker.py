@@ -166,14 +166,18 @@ def test_the_time_that_passed_counts_and_not_the_number_of_frames():
     assert {"tracking", "coasting"} <= states
 
 
-@pytest.mark.parametrize("to_left", [True, False], ids=["left", "right"])
-def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
-    """A solid yellow line, a dashed white one, a solid white one: the one that is crossed is known, the next is new."""
+@pytest.mark.parametrize(("to_left", "camera_offset_m"), [(True, 0.0), (False, 0.3)], ids=["left", "right"])
+def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left, camera_offset_m):
+    """A dashed yellow line is crossed and stays known; the next one, solid and white, is new.
+
+    The middle of the car decides, not a camera beside it.
+    """
     side = 1 if to_left else -1
     crossed = {"dash_m": (3.05, 12.2), "colour": WORN_YELLOW}
     lines = Stripe(side * 1.8, **crossed), Stripe(-side * 1.8, colour=WORN_WHITE), Stripe(side * 5.4)
     motion = Motion(speed_mps=25.0, shift_m=side * 3.6, shift_start_s=1.0, shift_seconds=4.0)
-    drive = replace(DRIVE, road=straight_road(), lines=lines, motion=motion)
+    camera = replace(SMALL, offset_m=camera_offset_m)
+    drive = replace(DRIVE, road=straight_road(), lines=lines, motion=motion, camera=camera)
     frames = follow(drive, 5.6)
     assert {lane.state for _, lane, _ in frames[3:]} == {"tracking"}
     assert lateral_error_m(*frames[10][1:]) < 0.1
@@ -245,9 +249,16 @@ def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s
     tracker.update(black)
     tracker.update(black, elapsed_s=elapsed_s)
     before = len(asked)
-    for _ in range(20):  # two seconds
-        tracker.update(black)
+    for _ in range(32):  # two seconds
+        tracker.update(black, elapsed_s=1 / 16)
     assert len(asked) - before == 4
+
+
+def test_a_wrong_yaw_of_the_pose_is_not_taken_for_a_car_that_hardly_moves():
+    wrong = SMALL.with_pose(replace(SMALL.pose, yaw_rad=SMALL.pose.yaw_rad + 0.04))
+    frames = follow(replace(DRIVE, road=straight_road()), 4.0, tracker=LaneTracker(wrong, fps=FPS))
+    lane = frames[-1][1]
+    assert lane.camera_yaw_rad == pytest.approx(0.04, abs=0.015) and lane.motion.speed_mps > 15.0
 
 
 @pytest.mark.parametrize(
