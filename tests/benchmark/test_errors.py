@@ -45,11 +45,6 @@ def estimate(lines_m: np.ndarray, offset_m: float, heading: float, curvature: fl
     return {"lines_m": lines_m} | numbers
 
 
-def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float, lateral_m: float) -> None:
-    """Move a line of a frame sideways within 1 m of one of AHEAD_M, in place."""
-    estimates.lines_m[frame, line, np.abs(ALONG_M - at_m) <= 1.0, 1] += lateral_m
-
-
 def perfect(lane: LaneTruth, confidence: float | None = 0.99) -> DriveEstimates:
     """Estimates without error."""
     some = zip(map(lines_through, lane.lines_y_m), lane.offset_m, lane.heading_rad, lane.curvature_per_m, strict=True)
@@ -104,8 +99,8 @@ def test_in_a_hairpin_errors_are_perpendicular_to_the_line_and_end_at_60_degrees
 def test_the_worse_line_counts_and_correct_is_up_to_20_m():
     lane, estimates = truth(), perfect(truth())
     estimates.lines_m[0, RIGHT, :, 1] += 0.3
-    shift_line(estimates, 1, RIGHT, at_m=30.0, lateral_m=1.0)
-    shift_line(estimates, 2, RIGHT, at_m=20.0, lateral_m=-0.5)
+    estimates.lines_m[1, RIGHT, np.abs(ALONG_M - 30.0) <= 1.0, 1] += 1.0
+    estimates.lines_m[2, RIGHT, np.abs(ALONG_M - 20.0) <= 1.0, 1] -= 0.5
     errors = frame_errors(estimates, lane)
     # 0.5 m at one of four places is 0.25 m rms
     assert errors.near_rms_m[:3] == pytest.approx([0.3, 0, 0.25], rel=SLANT)

@@ -4,7 +4,6 @@ import re
 from contextlib import nullcontext
 from types import SimpleNamespace
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
@@ -16,13 +15,11 @@ from course.exercises.chapters_09_12 import check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
 from course.exercises.hints import HintError, require_equal
-from course.exercises.paint import rate_paint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
 CORNERS_M, CORNERS_PX = [[35, 2.2], [35, -2.2], [5, -2.2], [5, 2.2]], [[200, 0], [1080, 0], [1080, 719], [200, 719]]
 WARP = FourPointWarp(CAMERA.undistort_points(CAMERA.road_to_pixels(np.array(CORNERS_M))), CORNERS_PX, (1280, 720))
-STRAIGHT = {"x_m": [0.0, 60.0], "left_y_m": [1.6, 1.6], "right_y_m": [-2.0, -2.0]}
 
 
 @pytest.fixture(autouse=True)
@@ -52,31 +49,6 @@ def test_a_mistake_is_named_only_if_all_its_numbers_agree():
     for found, said in (([2.0, 4.01], "too large"), ([2.0, 1.0], "other"), (1.0, "other"), ([np.nan, 1], "other")):
         with pytest.raises(HintError, match=f"^it is {said}$"):
             require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
-
-
-def draw_mask(*pieces_m: tuple[float, float, float]) -> np.ndarray:
-    """A mask of pieces along the road: lateral position, first and last distance, metres."""
-    mask = np.zeros((720, 1280), np.uint8)
-    for y_m, *ends_m in pieces_m:
-        points_m = np.array([[x_m, y_m] for x_m in ends_m])
-        (u, v), (u_far, v_far) = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(points_m)))
-        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, 25)
-    return mask
-
-
-def test_paint_is_rated_by_place_and_by_line():
-    """A solid left line, a right one with a gap, a stripe in the lane, and paint of the next lane, too far to count."""
-    mask = draw_mask((1.6, 4, 35), (-2.0, 4, 12), (-2.0, 20, 35), (0, 8, 16), (-3.15, 8, 16))
-    rating = rate_paint(mask, WARP, CAMERA, STRAIGHT)
-    on_line, beside, not_counted = (np.count_nonzero(m) for m in (rating.on_line, rating.beside, rating.not_counted))
-    assert on_line + beside + not_counted == np.count_nonzero(mask)
-    assert rating.precision == pytest.approx(on_line / (on_line + beside))
-    assert rating.recall == pytest.approx(np.mean(rating.each_recall))
-    left, right = rating.each_recall
-    assert left > 0.9
-    assert left - right == pytest.approx(7 / 25, abs=0.05)  # the drawn ends are round
-    gap = draw_mask((-2.0, 12, 20))
-    assert all(gap[round(v), round(u)] for u, v in np.mean(rating.missed_px, axis=1))
 
 
 @pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])

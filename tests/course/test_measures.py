@@ -9,17 +9,14 @@ from course.measures import (
     check,
     check_error,
     describe_error,
-    lane_widths_px,
     marking_precision,
     marking_recall,
     worst_lateral_error_m,
 )
-from helpers import FourPointWarp, RoadLine
-from lanes.camera import Camera, CameraPose
+from helpers import RoadLine
 from tests.support.classic_lane import lane_result
 
 X = np.arange(0.0, 45, 5)
-CAMERA = Camera.from_fov((640, 360), 60, CameraPose(1.4, pitch_rad=0.03))
 
 
 def truth() -> dict:
@@ -59,18 +56,6 @@ def test_the_recall_of_a_dash_is_its_length_of_one_line():
     assert marking_recall(dash, truth()) == pytest.approx(0.2, abs=0.01)
     assert marking_recall(dash + [0, 0.3], truth()) == marking_recall(np.empty((0, 2)), truth()) == 0
     assert marking_recall(np.empty((0, 2)), None) is None
-
-
-def test_lane_width_in_columns_is_that_of_the_drawn_lane():
-    """In a rectangle on the road with 100 columns a metre, 3.6 m are 360 columns everywhere; mirrored, -360."""
-    corners = [[30, 3.2], [30, -3.2], [4, -3.2], [4, 3.2]]
-    source = CAMERA.road_to_pixels(corners)
-    straight = [[2.0, -0.01], [-1.6, -0.01]]
-    view = [(0, 0), (640, 0), (640, 360), (0, 360)]
-    warp = FourPointWarp(source, view, (640, 360))
-    np.testing.assert_allclose(lane_widths_px(warp, CAMERA, straight, [5, 10, 25]), 360, atol=0.1)
-    mirrored = FourPointWarp(source[[1, 0, 3, 2]], view, (640, 360))
-    np.testing.assert_allclose(lane_widths_px(mirrored, CAMERA, straight, [5, 25]), -360, atol=0.1)
 
 
 def test_checks_name_value_truth_and_limit_and_fail_beyond_it():

