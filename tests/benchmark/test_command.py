@@ -12,7 +12,7 @@ import pytest
 import helpers
 from benchmark import estimates, evaluation, runner, systems
 from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, run_systems
+from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_systems
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
 from benchmark.runner import cached_estimates, run_benchmark
@@ -141,9 +141,9 @@ class TestRunner:
 
     def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):
         video = write_drive(tmp_path / "blank.mp4", replace(BENDS, lines=()), 2)
-        prepared = prepare_drive(custom(video), estimated_pose=True)
-        assert prepared.pose == "estimated" and prepared.camera.pose != SMALL.pose
-        assert not run_system(prepared, "tracker").available.any()
+        assert prepare_drive(custom(video), estimated_pose=True).camera.pose != SMALL.pose
+        (result,) = run_benchmark([custom(video)], ["tracker"], estimated_pose=True, folder=tmp_path)
+        assert result.pose == "estimated" and not result.errors.available.any()
 
     def test_a_system_is_told_the_time_since_its_last_frame(self, tmp_path, monkeypatch):
         with VideoWriter(tmp_path / "a.mp4", fps=25) as video:

@@ -233,3 +233,6 @@ def test_damaged_frames_are_counted_and_left_out(good, tmp_path, capfd):
     found = [json.loads(line)["frame"] for line in (out / "lanes.jsonl").open()]
     assert found == [*table["frame"].tolist(), *range(5)]
     assert re.search(rf"{frames + 5} pictures.*; {missing} more are damaged", capfd.readouterr().out)
+    # truth and frames no longer belong together
+    assert main(["benchmark", "--system", "tracker", str(video), "-o", str(tmp_path / "scores")]) == 2
+    assert "drive.mp4: " in capfd.readouterr().err

@@ -1,4 +1,4 @@
-"""The report page in Chromium, opened from a file: playing, clicks, keys, screen sizes and hostile names."""
+"""The pages of a report and of a score in Chromium: playing, clicks, keys, screen sizes and hostile names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,11 @@ import pytest
 from selenium.webdriver import Keys
 
 from lanes.describe import describe_bend
+from lanes.images import write_image
+from lanes.labels import LaneColumns
 from lanes.report.page import write_report
+from lanes.report.score_page import write_score_page
+from lanes.score import score_still, score_tables
 from lanes.video.writer import VideoWriter
 from tests.report.test_page import story
 from tests.support.browser import needs_browser, open_browser
@@ -249,3 +253,31 @@ def test_the_page_fits_every_screen_and_scheme(page):
         page.set_dark(dark)
         backgrounds.append(page.execute_script("return getComputedStyle(document.body).backgroundColor"))
     assert len(set(backgrounds)) == 2
+
+
+def test_the_page_of_a_score_shows_tables_and_lines_and_runs_no_text(browser, tmp_path):
+    names, rows = [HOSTILE.replace(".mp4", ".png"), "gone.png"], np.arange(400.0, 700, 10)
+    write_image(tmp_path / names[0], np.full((720, 1280, 3), 90, np.uint8))
+    lines = np.array([np.where(rows == 500, -2.0, column) for column in (300, 900)])
+    labels = [LaneColumns(name, rows, lines) for name in names]
+    scores = [
+        score_still(label, LaneColumns("", rows, lines[:1] + shift))
+        for label, shift in zip(labels, (90, 0), strict=True)
+    ]
+    words = {"title": HOSTILE, "notes": "note: <b>one</b> & {{data}}\n"}
+    browser.open(write_score_page(tmp_path / "score.html", tmp_path, scores, score_tables(scores), words))
+    run = browser.execute_script
+    assert run("return document.title") == f"{HOSTILE}: score"
+    assert run("return document.getElementById('notes').textContent").strip() == words["notes"].strip()
+    assert run("return [...document.querySelectorAll('figcaption')].map(c => c.firstChild.data)") == names
+    assert run("return document.querySelectorAll('#stills image').length") == 1
+    assert run("return document.querySelectorAll('img, b').length") == 0
+    # each line is drawn from its first point to its last, with a gap at row 500
+    left, _ = run("return [...document.querySelectorAll('path.label.ego')].slice(-2).map(p => p.getAttribute('d'))")
+    assert left.count("M") == 2 and left.startswith("M300 400L") and left.endswith("L300 690")
+    assert run("return getComputedStyle(document.querySelector('path.prediction')).strokeDasharray") != "none"
+    cells = run("return [...document.querySelectorAll('#tables tbody tr')].map(r => r.textContent)")
+    assert cells[0].startswith("all2")
+    browser.set_size(420, 800)
+    assert run("return document.querySelector('#tables tbody th').offsetWidth") > 100
+    assert browser.console() == []
