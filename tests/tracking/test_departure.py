@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,13 @@ def test_time_to_crossing(name):
     assert warning.side == side and warning.time_to_crossing_s == pytest.approx(time_s, rel=0.02)
     assert warning.describe() == words and warning.due == (words is not None)
     assert (warning.left_m, warning.right_m) == pytest.approx((0.9 + lane[CENTRE], 0.9 - lane[CENTRE]), rel=0.01)
+
+
+def test_distances_are_those_of_the_tyres_and_not_of_the_camera():
+    """A camera 0.4 m to the left of the middle of a lorry."""
+    camera = replace(SMALL, offset_m=0.4, car_width_m=2.5)
+    departure = DepartureWatch().update(lane_at(0.0), car(20.0), camera, 0.0)
+    assert (departure.left_m, departure.right_m) == pytest.approx((1.8 + 0.4 - 1.25, 1.8 - 0.4 - 1.25), abs=0.01)
 
 
 def test_uncertainty_suppresses_the_warning():

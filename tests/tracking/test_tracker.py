@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
+from itertools import takewhile
 
 import cv2
 import numpy as np
@@ -154,6 +155,16 @@ def test_coasting_lasts_as_long_at_any_frame_rate(fps):
     assert coasted == pytest.approx(0.7 / 0.05, abs=1)
 
 
+def test_coasting_ends_where_the_lines_are_too_uncertain():
+    tracker, black = (
+        LaneTracker(SMALL, fps=FPS, settings=TrackerSettings(max_coast_s=60.0)),
+        np.zeros((360, 640, 3), np.uint8),
+    )
+    follow(DRIVE, 1.0, tracker=tracker)
+    coasting = list(takewhile(bool, (tracker.update(black) for _ in range(100))))
+    assert 0 < len(coasting) < 100
+
+
 def test_the_time_that_passed_counts_and_not_the_number_of_frames():
     """Told that a tenth of a second has passed, a tracker for 11 frames a second is one for 10, even coasting."""
     usual, told = LaneTracker(SMALL, fps=10), LaneTracker(SMALL, fps=11)
@@ -191,6 +202,7 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left, camera_o
     assert (shared.kind, shared.colour, shared.double) == (old.kind, old.colour, old.double)
     assert (shared.kind, shared.colour) == ("dashed", "yellow")
     assert shared.seen and not new.seen and new.colour is None and new.kind is None
+    assert before.adjacent != after.adjacent == (None, None)  # unknown until the next search
     last = frames[-1][1].left if to_left else frames[-1][1].right
     assert last.seen and (last.kind, last.colour) == ("solid", "white")
 
