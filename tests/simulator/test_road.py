@@ -41,6 +41,12 @@ def test_heading_and_position_are_the_integrals_of_curvature():
     np.testing.assert_allclose(S_BEND.position(s), np.column_stack([x, y]), atol=1e-5)
 
 
+def test_heights_are_those_above_the_plane_that_the_car_stands_on():
+    """Uphill they are 0. Behind the crest the road falls by half its length times its change of grade."""
+    heights_m = HILLY.height_above_plane(np.array([30.0, 60.0, 90.0]), 20.0)
+    assert heights_m == pytest.approx([0.0, 0.0, -0.13 * 30 / 2])
+
+
 @pytest.mark.parametrize("lateral_m", [1.83, -1.83])
 def test_polynomial_touches_the_line_to_third_order(lateral_m):
     pose = VehiclePose(210.0, 0.4, 0.03)

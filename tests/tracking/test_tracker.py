@@ -202,7 +202,7 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left, camera_o
     assert (shared.kind, shared.colour, shared.double) == (old.kind, old.colour, old.double)
     assert (shared.kind, shared.colour) == ("dashed", "yellow")
     assert shared.seen and not new.seen and new.colour is None and new.kind is None
-    assert before.adjacent != after.adjacent == (None, None)  # unknown until the next search
+    assert before.adjacent != after.far_evidence == (None, None)  # unknown until the next search
     last = frames[-1][1].left if to_left else frames[-1][1].right
     assert last.seen and (last.kind, last.colour) == ("solid", "white")
 
