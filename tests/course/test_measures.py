@@ -25,8 +25,8 @@ def truth() -> dict:
 
 
 def test_the_worst_lateral_error_in_words_and_metres_is_that_of_both_lines_within_the_range():
-    # the right line departs from the truth by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
-    found = lane_result(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.03, 0.001))
+    # the right line departs to the right by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
+    found = lane_result(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.01, 0.001))
     assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
     assert worst_lateral_error_m(found, None) is None
     for lost in (None, lane_result(None, None, "lost")):
