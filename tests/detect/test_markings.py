@@ -235,7 +235,7 @@ class TestDrive:
         assert "probability of paint up to 9" in out and "failed at" not in out
         _, out, _ = run("pose", still, "--camera", hidden / "lens.yaml", *markings, "-o", tmp_path / "camera.yaml")
         assert "1 of 1 used" in out
-        labels.write_text(labels.read_text().splitlines()[0].replace(f"{tmp_path}/", ""))
+        labels.write_text(labels.read_text().splitlines()[-1].replace(f"{tmp_path}/", ""))
         for more, matched in ((markings, "1.000"), ((), "0.000")):
             _, out, _ = run("benchmark", "--labels", labels, "--system", "tracker", *camera, *more)
             (line,) = (line for line in out.splitlines() if line.startswith("tracker"))
