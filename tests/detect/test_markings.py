@@ -236,10 +236,11 @@ class TestDrive:
         _, out, _ = run("pose", still, "--camera", hidden / "lens.yaml", *markings, "-o", tmp_path / "camera.yaml")
         assert "1 of 1 used" in out
         labels.write_text(labels.read_text().splitlines()[-1].replace(f"{tmp_path}/", ""))
-        for more, matched in ((markings, "1.000"), ((), "0.000")):
-            _, out, _ = run("benchmark", "--labels", labels, "--system", "tracker", *camera, *more)
+        blind = "--markings", write_model(tmp_path / "blind.onnx", {"lines": threshold(-1, -1, -1)}, LOGITS)
+        for used, right in ((markings, "1.000"), (blind, "0.000")):
+            _, out, _ = run("benchmark", "--labels", labels, "--system", "tracker", *camera, *used)
             (line,) = (line for line in out.splitlines() if line.startswith("tracker"))
-            assert matched in line.split()
+            assert line.split()[1:3] == ["1", right]
 
     def test_finished_drives_depend_on_them(self, hidden, tmp_path):
         model, settings = load_markings(hidden / "pink.onnx"), DriveSettings(output=tmp_path, camera=SMALL)
