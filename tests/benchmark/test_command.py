@@ -12,7 +12,7 @@ import pytest
 import helpers
 from benchmark import estimates, evaluation, runner, systems
 from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system, run_systems
+from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_systems
 from benchmark.machine import describe_machine
 from benchmark.reporting.tables import read_scores
 from benchmark.runner import cached_estimates, run_benchmark
@@ -55,33 +55,28 @@ def prepared(folder) -> PreparedDrive:
     return prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
 
 
-class TestCommand:
-    def test_every_system_is_in_the_table_and_the_tracker_is_correct(self, done, folder):
-        assert done.returncode == 0, done.stderr
-        rows = read_scores(folder / "out" / "benchmark.csv")
-        scenes = [row for row in rows if row["scene"] == "bend"]
-        assert [row["system"] for row in scenes] == list(SYSTEMS)
-        assert len(rows) == 2 * len(scenes)  # with the totals
-        tracker = scenes[list(SYSTEMS).index("tracker")]
-        assert (tracker["frames"], tracker["available_share"], tracker["accuracy"]) == (FRAMES, 1, 1)
-        assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
-        assert all(row["time_median_ms"] > 0.2 and row["workers"] == 2 for row in scenes)
-        assert {row["machine"] for row in rows} == {describe_machine()}
-        assert read_image(folder / "out" / "reliability.png").std() > 5
+def test_every_system_is_in_the_table_and_the_tracker_is_correct(done, folder):
+    assert done.returncode == 0, done.stderr
+    rows = read_scores(folder / "out" / "benchmark.csv")
+    scenes = {row["system"]: row for row in rows if row["scene"] == "bend"}
+    assert list(scenes) == list(SYSTEMS) and len(rows) == 2 * len(scenes)  # with the totals
+    tracker = scenes["tracker"]
+    assert (tracker["frames"], tracker["available_share"], tracker["accuracy"]) == (FRAMES, 1, 1)
+    assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
+    assert all(row["time_median_ms"] > 0.2 and row["workers"] == 2 for row in scenes.values())
+    assert {row["machine"] for row in rows} == {describe_machine()}
+    assert read_image(folder / "out" / "reliability.png").std() > 5
 
-    def test_the_table_fits_the_terminal_and_states_its_conditions(self, done):
-        assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
-        conditions = "camera pose: true", "measured with 2 workers", "recipes state no confidence", describe_machine()
-        for words in ("bend (custom, 5 frames)", *conditions):
-            assert words in done.stdout
 
-    def test_the_consistency_of_tracker_and_detector_is_reported(self, done, folder):
-        rows = read_scores(folder / "out" / "consistency.csv", "nees_mean")
-        expected = [(scene, system) for scene in ("bend", "all custom") for system in ("tracker", "detector")]
-        assert [(row["scene"], row["system"]) for row in rows] == expected
-        assert all(row["frames"] == FRAMES and row["offset_z_rms"] > 0 for row in rows)
-        for words in ("| all custom | detector | 5 |", "NEES / 4 is e^T P^-1 e / 4", "custom, detector"):
-            assert words in done.stdout
+def test_the_tables_fit_the_terminal_state_their_conditions_and_the_consistency(done, folder):
+    assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
+    conditions = "camera pose: true", "measured with 2 workers", "recipes state no confidence", describe_machine()
+    for words in ("bend (custom, 5 frames)", *conditions, "| all custom | detector | 5 |", "custom, detector"):
+        assert words in done.stdout
+    rows = read_scores(folder / "out" / "consistency.csv", "nees_mean")
+    expected = [(scene, system) for scene in ("bend", "all custom") for system in ("tracker", "detector")]
+    assert [(row["scene"], row["system"]) for row in rows] == expected
+    assert all(row["frames"] == FRAMES and row["offset_z_rms"] > 0 for row in rows)
 
 
 @pytest.mark.parametrize(
@@ -89,8 +84,7 @@ class TestCommand:
     [
         (["no-such-scene"], "there is no scene 'no-such-scene'"),
         (["no-such-video.mp4"], "no-such-video.mp4: there is no such video file"),
-        (["--system", "tracker,yolo", "motorway"], "there is no system 'yolo'"),
-        (["--system", "tracker", "--system", "hough", "motorway"], "there is no system 'hough'"),
+        (["--system", "tracker", "--system", "tracker,yolo", "motorway"], "there is no system 'yolo'"),
         (["--seed", "-1"], "invalid value -1: expected an integer >= 0"),
     ],
 )
@@ -147,9 +141,9 @@ class TestRunner:
 
     def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):
         video = write_drive(tmp_path / "blank.mp4", replace(BENDS, lines=()), 2)
-        prepared = prepare_drive(custom(video), estimated_pose=True)
-        assert prepared.pose == "estimated" and prepared.camera.pose != SMALL.pose
-        assert not run_system(prepared, "tracker").available.any()
+        assert prepare_drive(custom(video), estimated_pose=True).camera.pose != SMALL.pose
+        (result,) = run_benchmark([custom(video)], ["tracker"], estimated_pose=True, folder=tmp_path)
+        assert result.pose == "estimated" and not result.errors.available.any()
 
     def test_a_system_is_told_the_time_since_its_last_frame(self, tmp_path, monkeypatch):
         with VideoWriter(tmp_path / "a.mp4", fps=25) as video:

@@ -7,14 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.consistency import consistency, consistency_rows, consistency_table
+from benchmark.consistency import consistency
 from benchmark.errors import QUANTITIES, LaneTruth, normalize_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
-from benchmark.reporting.tables import read_scores
-from benchmark.scores import Result
-from lanes.files import write_telemetry
 from tests.benchmark import test_errors
-from tests.benchmark.test_bootstrap import result
 
 N = 4000
 STD = np.array([0.03, 0.004, 3e-4, 0.04])
@@ -85,18 +81,3 @@ def test_a_line_that_ends_does_not_count_nor_a_system_without_a_covariance():
     errors = normalize_errors(some, lane)
     assert len(errors.of("lateral_30m")) == 0 and len(errors.of("lateral_20m")) == 2 * len(errors.of("width")) == 2 * N
     assert normalize_errors(replace(some, covariance=np.full((N, 4, 4), np.nan)), lane) is None
-
-
-def named(scene: str, system: str, stated: float) -> Result:
-    normalized = normalize_errors(estimates(truth(), stated=stated), truth())
-    return replace(result(np.ones(3, bool), scene=scene, system=system), normalized=normalized)
-
-
-def test_table_of_a_file(tmp_path):
-    rows = consistency_rows([named("a", "tracker", 1.0), named("b", "tracker", 0.5)])
-    written = read_scores(write_telemetry(tmp_path / "consistency.csv", rows), "nees_mean")
-    header, rule, line = consistency_table(written).splitlines()
-    assert header.count("|") == rule.count("|") == line.count("|")
-    cells = [cell.strip() for cell in line.split("|")[1:-1]]
-    assert cells[:3] == ["all hard", "tracker", str(2 * N)]
-    assert float(cells[4].split()[0]) == pytest.approx(np.sqrt(2.5), rel=0.03)

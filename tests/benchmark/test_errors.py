@@ -45,11 +45,6 @@ def estimate(lines_m: np.ndarray, offset_m: float, heading: float, curvature: fl
     return {"lines_m": lines_m} | numbers
 
 
-def shift_line(estimates: DriveEstimates, frame: int, line: int, *, at_m: float, lateral_m: float) -> None:
-    """Move a line of a frame sideways within 1 m of one of AHEAD_M, in place."""
-    estimates.lines_m[frame, line, np.abs(ALONG_M - at_m) <= 1.0, 1] += lateral_m
-
-
 def perfect(lane: LaneTruth, confidence: float | None = 0.99) -> DriveEstimates:
     """Estimates without error."""
     some = zip(map(lines_through, lane.lines_y_m), lane.offset_m, lane.heading_rad, lane.curvature_per_m, strict=True)
@@ -104,8 +99,8 @@ def test_in_a_hairpin_errors_are_perpendicular_to_the_line_and_end_at_60_degrees
 def test_the_worse_line_counts_and_correct_is_up_to_20_m():
     lane, estimates = truth(), perfect(truth())
     estimates.lines_m[0, RIGHT, :, 1] += 0.3
-    shift_line(estimates, 1, RIGHT, at_m=30.0, lateral_m=1.0)
-    shift_line(estimates, 2, RIGHT, at_m=20.0, lateral_m=-0.5)
+    estimates.lines_m[1, RIGHT, np.abs(ALONG_M - 30.0) <= 1.0, 1] += 1.0
+    estimates.lines_m[2, RIGHT, np.abs(ALONG_M - 20.0) <= 1.0, 1] -= 0.5
     errors = frame_errors(estimates, lane)
     # 0.5 m at one of four places is 0.25 m rms
     assert errors.near_rms_m[:3] == pytest.approx([0.3, 0, 0.25], rel=SLANT)
@@ -115,7 +110,7 @@ def test_the_worse_line_counts_and_correct_is_up_to_20_m():
 
 
 class TestOnTheLine:
-    """The car's centre is 0.3 m from a line: it changes to the lane on the other side."""
+    """The car's centre is 0.3 m from a line, or 0.5 m: it changes to the lane on the other side."""
 
     def drive(self, lateral_m: float) -> tuple[LaneTruth, DriveEstimates, DriveEstimates]:
         """Truth of the lane around 0; estimates without error of this lane and of the one that the car is nearer to."""
@@ -130,21 +125,14 @@ class TestOnTheLine:
         other = estimate(lines_through(lines[1]), -at_car[1].mean(), 0.0, 1 / (400 - side * WIDTH), 0.99)
         return lane, perfect(lane), DriveEstimates.from_frames([other] * N, [1.0] * N)
 
-    @pytest.mark.parametrize("lateral_m", [1.5, -1.5])
-    def test_either_lane_is_correct(self, lateral_m):
+    @pytest.mark.parametrize(("lateral_m", "either"), [(1.5, True), (-1.5, True), (1.3, False)])
+    def test_either_lane_is_correct_only_near_the_line(self, lateral_m, either):
         lane, own, other = self.drive(lateral_m)
-        for estimates in (own, other):
-            errors = frame_errors(estimates, lane)
-            assert errors.correct.all()
-            assert max(errors.lateral_m.max(), errors.offset_m.max()) < 0.001
-            assert errors.curvature_per_m.max() < 1e-6
-
-    def test_farther_from_the_line_only_the_ego_lane_is(self):
-        lane, own, left = self.drive(1.3)
         assert frame_errors(own, lane).correct.all()
-        errors = frame_errors(left, lane)
-        assert not errors.correct.any()
-        assert errors.offset_m == pytest.approx(WIDTH, abs=1e-3)
+        errors = frame_errors(other, lane)
+        assert errors.correct.tolist() == [either] * N
+        assert errors.offset_m == pytest.approx(0.0 if either else WIDTH, abs=1e-3)
+        assert not either or (errors.lateral_m.max() < 0.001 and errors.curvature_per_m.max() < 1e-6)
 
     def test_the_error_is_not_smaller_where_the_line_ends_after_5_m(self):
         lane, own, left = self.drive(1.5)

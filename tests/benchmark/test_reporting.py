@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.reporting.reliability import AvailableLanes, describe_confidence
-from benchmark.reporting.tables import describe_interval, describe_scores, markdown_table, results_table
+from benchmark.reporting.tables import describe_interval, describe_scores, results_table
 from benchmark.scores import Result
-from lanes.files import write_telemetry
 from tests.benchmark.test_bootstrap import result
 
 
@@ -32,37 +31,14 @@ class TestTables:
         assert scene == "fog (hard, 100 frames)"
         assert " ".join(line.split()) == "tracker - 50.0 25.0 - 12/12 12/12 12/12 12/12 0.1/0.1 0.1/0.1 0/12 9.0"
 
-    def test_groups_show_the_interval_and_all_that_are_not_significantly_worse_are_bold(self):
+    def test_what_is_not_significantly_worse_is_marked(self):
+        """In Markdown, too: tests/end_to_end/test_docs.py compares the tables of the README."""
         numbers = {"accuracy_low": 0.4321, "accuracy_high": 0.9}
-        rows = [
-            row("bridge", "a", accuracy=0.9, among_best=1.0, **numbers),
-            row("bridge", "b", accuracy=0.8, among_best=1.0, **numbers),
-            row("bridge", "c", accuracy=0.7, among_best=0.0, **numbers),
-            row("all hard", "a", accuracy=0.5, among_best=0.0, **numbers),
-            row("all hard", "b", accuracy=0.6, among_best=1.0, **numbers),
-            row("all hard", "c", accuracy=0.59, among_best=1.0, **numbers),
-        ]
-        assert markdown_table(rows).splitlines()[2:] == [
-            "| bridge | hard | **90.0%, 0.12 m** | **80.0%, 0.12 m** | 70.0%, 0.12 m |",
-            "| all hard | hard | 50.0% (43-90), 0.12 m | **60.0% (43-90), 0.12 m** | **59.0% (43-90), 0.12 m** |",
-        ]
-        accuracies = [line.split()[2] for line in describe_scores(rows).splitlines() if line.startswith("  ")][2:]
-        assert accuracies == ["90.0*", "80.0*", "70.0", "50.0", "60.0*", "59.0*"]
+        rows = [row("bridge", name, among_best=best, **numbers) for name, best in (("a", 1.0), ("b", 0.0))]
+        marked = [line.split()[2] for line in describe_scores(rows).splitlines() if line.startswith("  ")][2:]
+        assert marked == ["50.0*", "50.0"]
 
-    def test_a_file_becomes_a_table_and_others_are_refused(self, tmp_path):
-        """Without marks of all systems, as of a finder that was scored alone, the highest accuracy is bold."""
-        rows = [
-            row("hairpin", "hls_sobel", accuracy=0.0, lateral_5_20m_p95_m=np.nan, among_best=1.0),
-            row("hairpin", "own", accuracy=0.4, lateral_5_20m_p95_m=2.5, among_best=np.nan),
-            row("desert", "hls_sobel", accuracy=np.nan, confident_and_wrong_share=1.0, among_best=1.0),
-            row("desert", "own", accuracy=np.nan, confident_and_wrong_share=0.0, among_best=np.nan),
-        ]
-        assert results_table(write_telemetry(tmp_path / "benchmark.csv", rows)).splitlines() == [
-            "| scene | difficulty | hls_sobel | own |",
-            "|---|---|---|---|",
-            "| hairpin | hard | 0.0%, lost | **40.0%, 2.50 m** |",
-            "| desert | hard | 100.0% false | **0.0% false** |",
-        ]
+    def test_other_files_are_refused(self, tmp_path):
         with pytest.raises(FileNotFoundError, match=r"none.csv: there is no such table"):
             results_table(tmp_path / "none.csv")
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")

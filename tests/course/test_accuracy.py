@@ -1,4 +1,4 @@
-"""The table of methods on stills: with truth, with labels, with neither; and the score of the reader's own finder."""
+"""The table of methods on stills with labels, and without; the notebook shows that with truth."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import shutil
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import COMMITTED
-from course.accuracy import TwoLines, accuracy_table, label_accuracy, score_finders
-from course.dataset import Dataset, open_dataset
+from course.accuracy import TwoLines, accuracy_table, label_accuracy
+from course.dataset import Dataset
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
@@ -37,18 +36,6 @@ def labelled(tmp_path) -> Dataset:
     return Dataset(tmp_path, tmp_path)
 
 
-def test_with_truth_a_cell_is_an_error_in_metres_or_lost():
-    data = open_dataset(ROOT)
-    text = accuracy_table({"half a metre": [straight_lane(0.5)] * 8, "nothing": [None] * 8}, data, data.true_camera())
-    assert len(text.splitlines()) == 9
-    true = data.true_lane(data.still("straight_lines1"))
-    x_m, left_m = np.array(true["x_m"]), np.array(true["left_y_m"])
-    near = (x_m >= 5) & (x_m <= 30)
-    worst = max(np.abs(left_m[near] - 2.33).max(), np.abs(np.array(true["right_y_m"])[near] + 1.33).max())
-    assert text.splitlines()[1].split() == ["straight_lines1", f"{worst:.2f}", "m", "lost"]
-    assert all(line.endswith("lost") for line in text.splitlines()[1:])
-
-
 def test_with_labels_a_cell_is_the_share_of_points(labelled):
     text = accuracy_table(
         {"right": [straight_lane(0)], "beside": [straight_lane(0.8)], "none": [None]}, labelled, CAMERA
@@ -67,15 +54,3 @@ def test_without_truth_and_labels_methods_are_compared(labelled):
     text = accuracy_table({"a": [straight_lane(0)], "b": [straight_lane(0.3)]}, labelled, CAMERA)
     assert "0.30 m (median of 1 stills)" in text
     assert "no still" in accuracy_table({"a": [straight_lane(0)], "b": [None]}, labelled, CAMERA)
-
-
-def test_finders_are_scored_by_their_names():
-    calls = []
-    finders = {"nothing": lambda image, camera: calls.append(camera), "engine": "detector"}
-    scores = dict(score_finders(finders, every=100))
-    assert list(scores) == list(COMMITTED)
-    assert len(calls) == 9 and len({id(camera) for camera in calls}) == 3
-    for rows in scores.values():
-        assert {name: row["system"] for name, row in rows.items()} == {name: name for name in finders}
-        assert rows["nothing"]["accuracy"] == 0
-    assert scores["motorway"]["engine"]["accuracy"] == 1

@@ -4,24 +4,22 @@ import re
 from contextlib import nullcontext
 from types import SimpleNamespace
 
-import cv2
 import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from course.exercises import check, occlusion
+from benchmark.scored_drive import COMMITTED
+from course.exercises import chapters_13_16, check, occlusion
 from course.exercises.chapters_05_08 import check_lane_width
-from course.exercises.chapters_09_12 import _correct, _distance, check_gate
+from course.exercises.chapters_09_12 import check_gate
 from course.exercises.check import check_exercise
 from course.exercises.gated_drive import filter_drive
 from course.exercises.hints import HintError, require_equal
-from course.exercises.paint import rate_paint
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
 
 CORNERS_M, CORNERS_PX = [[35, 2.2], [35, -2.2], [5, -2.2], [5, 2.2]], [[200, 0], [1080, 0], [1080, 719], [200, 719]]
 WARP = FourPointWarp(CAMERA.undistort_points(CAMERA.road_to_pixels(np.array(CORNERS_M))), CORNERS_PX, (1280, 720))
-STRAIGHT = {"x_m": [0.0, 60.0], "left_y_m": [1.6, 1.6], "right_y_m": [-2.0, -2.0]}
 
 
 @pytest.fixture(autouse=True)
@@ -53,31 +51,6 @@ def test_a_mistake_is_named_only_if_all_its_numbers_agree():
             require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
 
 
-def draw_mask(*pieces_m: tuple[float, float, float]) -> np.ndarray:
-    """A mask of pieces along the road: lateral position, first and last distance, metres."""
-    mask = np.zeros((720, 1280), np.uint8)
-    for y_m, *ends_m in pieces_m:
-        points_m = np.array([[x_m, y_m] for x_m in ends_m])
-        (u, v), (u_far, v_far) = WARP.points_to_birdseye(CAMERA.undistort_points(CAMERA.road_to_pixels(points_m)))
-        cv2.line(mask, (round(u), round(v)), (round(u_far), round(v_far)), 255, 25)
-    return mask
-
-
-def test_paint_is_rated_by_place_and_by_line():
-    """A solid left line, a right one with a gap, a stripe in the lane, and paint of the next lane, too far to count."""
-    mask = draw_mask((1.6, 4, 35), (-2.0, 4, 12), (-2.0, 20, 35), (0, 8, 16), (-3.15, 8, 16))
-    rating = rate_paint(mask, WARP, CAMERA, STRAIGHT)
-    on_line, beside, not_counted = (np.count_nonzero(m) for m in (rating.on_line, rating.beside, rating.not_counted))
-    assert on_line + beside + not_counted == np.count_nonzero(mask)
-    assert rating.precision == pytest.approx(on_line / (on_line + beside))
-    assert rating.recall == pytest.approx(np.mean(rating.each_recall))
-    left, right = rating.each_recall
-    assert left > 0.9
-    assert left - right == pytest.approx(7 / 25, abs=0.05)  # the drawn ends are round
-    gap = draw_mask((-2.0, 12, 20))
-    assert all(gap[round(v), round(u)] for u, v in np.mean(rating.missed_px, axis=1))
-
-
 @pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
 def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
     """6.1: peaks of 29 and 22 equally high columns; their inner ends, first, middle and last columns."""
@@ -97,29 +70,22 @@ def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
         check_lane_width(lambda mask: lane_width(mask, 40.0), **given)
 
 
-def test_a_list_of_state_and_covariance_is_as_good_as_a_pair():
-
-    def correct_gated(state, covariance, z, noise, matrix):
-        return [state, covariance] if _distance(z) > 11.34 else list(_correct(z))
-
-    assert "skips the neighbouring lane" in check_gate(correct_gated)
-
-
 @pytest.mark.parametrize(("limit", "rejected"), [(11.3, 10), (np.inf, 0)])
 def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, rejected):
+    """12.2: a list of state and covariance is as good as a pair."""
 
     def correct_gated(state, covariance, z, noise, matrix):
         innovation, s = z - matrix @ state, matrix @ covariance @ matrix.T + noise
         if innovation @ np.linalg.solve(s, innovation) > limit:
-            return state, covariance
+            return [state, covariance]
         gain = covariance @ matrix.T @ np.linalg.inv(s)
-        return state + gain @ innovation, covariance - gain @ matrix @ covariance
+        return [state + gain @ innovation, covariance - gain @ matrix @ covariance]
 
     drive = filter_drive(correct_gated)
     assert np.count_nonzero(~drive.accepted) == rejected
     assert (np.abs(drive.offset_m - drive.true_m).max() < 0.15) == bool(rejected)
-    assert filter_drive(lambda *given: given[:1]) is None
-    assert filter_drive(lambda *given: 1 / 0) is None
+    if rejected:
+        assert "skips the neighbouring lane" in check_gate(correct_gated)
 
 
 IMAGE = np.full((720, 1280, 3), 60, np.uint8)
@@ -142,25 +108,53 @@ def worst(moved_m: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    ("words", "changed"),
+    ("words", "measure", "at_m", "cover"),
     [
-        ("", {}),
-        ("left line alone", {"measure": lambda moved_m: abs(moved_m[0, 0])}),
-        ("right line alone", {"measure": lambda moved_m: abs(moved_m[1, 0])}),
-        ("absolute difference", {"measure": lambda moved_m: max(0, moved_m.max())}),
-        ("10 m ahead", {"at_m": 10.0}),
-        ("is 0", {"measure": lambda moved_m: 0.0, "lost_m": 0.0}),
-        (" instead of ", {"measure": lambda moved_m: worst(moved_m) / 3}),
-        *((reason, {"cover": cover}) for reason, cover in occlusion.WRONG_COVERS.items()),
+        ("", worst, 20.0, occlusion.cover_square),
+        ("left line alone", lambda moved_m: abs(moved_m[0, 0]), 20.0, occlusion.cover_square),
+        ("right line alone", lambda moved_m: abs(moved_m[1, 0]), 20.0, occlusion.cover_square),
+        ("absolute difference", lambda moved_m: max(0, moved_m.max()), 20.0, occlusion.cover_square),
+        ("10 m ahead", worst, 10.0, occlusion.cover_square),
+        (" instead of ", lambda moved_m: worst(moved_m) / 3, 20.0, occlusion.cover_square),
+        *((reason, worst, 20.0, cover) for reason, cover in occlusion.WRONG_COVERS.items()),
     ],
 )
-def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, changed):
+def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, measure, at_m, cover):
     """13.1: the right map, and wrong ones."""
-    given = {"cover": occlusion.cover_square, "measure": worst, "at_m": 20.0, "lost_m": 1.0} | changed
-    moved_m, at_m = np.full(occlusion.SHAPE, given["lost_m"]), np.array([given["at_m"]])
+    moved_m, before_m = np.ones(occlusion.SHAPE), find_occluded(IMAGE).lateral_m(np.array([at_m]))
     for row, column in np.ndindex(*occlusion.SHAPE):
-        if lane := find_occluded(given["cover"](IMAGE, row, column)):
-            moved_m[row, column] = min(1, given["measure"](lane.lateral_m(at_m) - find_occluded(IMAGE).lateral_m(at_m)))
+        if lane := find_occluded(cover(IMAGE, row, column)):
+            moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
     monkeypatch.setattr(occlusion, "find_lane", find_occluded)
     with pytest.raises(HintError, match=re.escape(words)) if words else nullcontext():
         occlusion.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)
+
+
+def test_covering_the_given_image_itself_is_named(monkeypatch):
+    """13.1"""
+    monkeypatch.setattr(chapters_13_16, "find_lane", find_occluded)
+    monkeypatch.setattr(chapters_13_16, "draw_lane", lambda image, *_, **__: image)
+
+    def cover(image, camera):
+        image[320:400, :80] = 128
+        return np.ones(occlusion.SHAPE)
+
+    with pytest.raises(HintError, match="you cover the image itself"):
+        chapters_13_16.check_occlusion_map(cover, image=IMAGE.copy(), camera=CAMERA)
+
+
+@pytest.mark.parametrize(
+    ("accuracy", "wrong", "median_m", "words"),
+    [
+        (0.95, 0.1, 0.1, ""),
+        (0.5, 0.1, 0.1, "too few frames are right"),
+        (0.95, 0.6, 0.1, "In the hairpins, return None"),
+        (0.0, 1.0, 9.0, "left line first"),
+    ],
+)
+def test_a_finder_is_judged_by_its_scores_on_the_videos(monkeypatch, accuracy, wrong, median_m, words):
+    """15.1: accuracy, share of confident and wrong frames, and median error."""
+    row = {"accuracy": accuracy, "confident_and_wrong_share": wrong, "lateral_5_20m_median_m": median_m}
+    monkeypatch.setattr(chapters_13_16, "score_finders", lambda _: [(scene, {"yours": row}) for scene in COMMITTED])
+    with pytest.raises(HintError, match=words) if words else nullcontext():
+        chapters_13_16.check_honest_finder(lambda image, camera: ((0, 0, 1.8), (0, 0, -1.8)))

@@ -1,4 +1,4 @@
-"""Votes, residuals and the robust fit, with synthetic stripes on roads that bend and undulate."""
+"""Lane model, votes, residuals and the robust fit, with synthetic stripes on roads that bend, pitch and undulate."""
 
 from __future__ import annotations
 
@@ -9,17 +9,21 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import fit_lanes, fit_starts
 from lanes.detect.paint import Stripes
-from lanes.detect.residuals import stripe_residuals
+from lanes.detect.residuals import flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
+    CENTRE,
     FAR_LINE,
     LEFT_SIDE,
     PITCH,
     RIGHT_SIDE,
     SIDES,
     RoadPrior,
+    line_coefficients,
     line_y,
+    lines_on_view,
 )
 from lanes.detect.votes import vote_lanes
+from tests.support.painted_roads import dashcam
 from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
 
 HEIGHT_M = 1.3
@@ -98,6 +102,15 @@ def test_uncertainty_covers_the_error(prior):
     assert (spread[:4] < 1.2).all() and (spread[:4] > 0.1).all()
 
 
+@pytest.mark.parametrize(("certainty", "moved_m"), [(1e-3, 0.0), (1.0, 0.1)])
+def test_a_prediction_counts_as_much_as_it_is_certain(certainty, moved_m):
+    """The stripes lie 10 cm to the left of the predicted lines."""
+    road = ROADS["left bend"]
+    stripes, covariance = stripes_on(road + a_lane(centre=0.1, width=0.0)), np.diag((certainty * PRIOR.std) ** 2)
+    fit = fit_lanes(road[None], stripes, VIEW, prior=(road, covariance))
+    assert fit.lanes[0, CENTRE] - road[CENTRE] == pytest.approx(moved_m, abs=0.02)
+
+
 def seen(lines_m: tuple[float, ...], pitch: float) -> Stripes:
     """Stripes of straight lines up to 60 m, seen by a camera that nods by `pitch`.
 
@@ -122,3 +135,33 @@ def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
     assert set(np.unique(fits[0].residuals.side[0])) == {side, FAR_LINE * side}
     x = np.array([8.0, 15.0, 25.0])
     np.testing.assert_allclose(line_y(x, fits[0].lanes[0], side), own, atol=0.02)
+
+
+@pytest.mark.parametrize(("pitch", "vertical"), [(0.012, 0.0), (-0.01, 0.0), (0.0, 6e-4), (0.006, -4e-4)])
+def test_pitch_and_hills_are_undone(pitch, vertical):
+    # a straight line, seen by a camera that has nodded, on a road that bends upwards
+    camera = dashcam(1280, yaw_rad=0.0)
+    m = camera.pose
+    nodded = camera.with_pose(CameraPose(m.height_m, m.pitch_rad + pitch, m.yaw_rad, m.roll_rad))
+    x = np.array([6.0, 12.0, 25.0, 40.0])
+    points = np.column_stack([x, 1.7 + 0.02 * x, vertical * x * x / 2])
+    flat = camera.pixels_to_road(nodded.road_to_pixels(points))
+    lane = a_lane(centre=1.7, width=0.0, heading=np.arctan(0.02), pitch=pitch, vertical=vertical)
+    ground = intersect_ground(flat[:, 0], lane, m.height_m)
+    found_x, found_y, _ = flatten(flat[:, 0], flat[:, 1], np.zeros(4), ground, m.height_m)
+    np.testing.assert_allclose(found_x, x, rtol=0.01)
+    np.testing.assert_allclose(found_y, points[:, 1], rtol=0.01)
+    shown = lines_on_view(lane[None], flat[:, 0], m.height_m)[0, 0]
+    np.testing.assert_allclose(shown, flat[:, 1], rtol=0.01)
+
+
+def test_a_line_that_turns_back_before_the_car_has_finite_coefficients():
+    """40 degrees to the left and R 8.3 m to the right: its right line never comes beside the car."""
+    beside = a_lane(width=3.6, heading=0.3, curvature=-0.03)
+    away = a_lane(centre=-3.0, width=5.8, heading=0.7, curvature=-0.12)
+    for side in SIDES:
+        assert np.isfinite(line_coefficients(away, side)).all()
+        y = line_y(np.array([0.0, 0.01]), beside, side)
+        c0, c1, *_ = line_coefficients(beside, side)
+        assert (c0, c1) == pytest.approx((y[0], (y[1] - y[0]) / 0.01), abs=1e-3)
+    assert line_coefficients(away, -1.0)[1] > 2

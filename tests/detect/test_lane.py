@@ -18,7 +18,7 @@ SEEN = (
     LineEvidence(0.6, True, 25.0, votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0)),
     LineEvidence(0.3, True, 30.0, votes=TypeVotes(3.0, seen_m=24.0, painted_m=6.0, bare_m=18.0)),
 )
-BENT = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=1 / 80, rate=-2e-4)
+BENT = a_lane(centre=0.4, width=3.4, heading=-0.3, curvature=1 / 80, rate=-2e-4)
 
 
 def lane_of(model: np.ndarray) -> Lane:
@@ -30,9 +30,9 @@ def lane_of(model: np.ndarray) -> Lane:
 @pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])
 def test_lateral_std_is_that_of_drawn_lanes(curvature):
     model = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=curvature, rate=curvature / 300)
-    drawn = np.random.default_rng(2).normal(model, STD, (2000, len(model)))
+    drawn = np.random.default_rng(2).normal(model, STD, (600, len(model)))
     expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
-    np.testing.assert_allclose(lane_of(model).lateral_std_m(X_M), expected, rtol=0.05)
+    np.testing.assert_allclose(lane_of(model).lateral_std_m(X_M), expected, rtol=0.1)
 
 
 def test_a_line_that_has_turned_back_has_no_position_and_no_std():
@@ -53,12 +53,13 @@ def test_a_line_ends_where_it_runs_almost_along_the_rows():
 
 @pytest.mark.parametrize("k", [0, 1])
 def test_coefficients_are_a_taylor_series_of_the_line_at_the_car(k):
-    """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6: each has a visible part of the lateral position 12 m ahead."""
-    line, x = lane_of(BENT).lines[k], np.array([0.0, 2.0, 4.0])
+    """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, from positions ahead of the car and behind it."""
+    line, x = lane_of(BENT).lines[k], 4.0
+    (behind, here, ahead), (before, after) = line.y(np.array([-x, 0.0, x])), line.y(np.array([-0.1, 0.1]))
     c0, c1, c2, c3 = line.coefficients
-    parts = np.array([c0 + 0 * x, c1 * x, c2 * x**2 / 2, c3 * x**3 / 6])
-    np.testing.assert_allclose(parts.sum(axis=0), line.y(x), atol=1e-3)
-    assert (np.abs(parts[1:, -1]) > 0.002).all()
+    assert (c0, c1) == pytest.approx((here, (after - before) / 0.2), abs=1e-4)
+    assert c2 * x**2 / 2 == pytest.approx((ahead + behind) / 2 - c0, rel=0.03)
+    assert c3 * x**3 / 6 == pytest.approx((ahead - behind) / 2 - c1 * x, rel=0.15)
     row = telemetry_row(lane_of(BENT))
     side = ("left", "right")[k]
     assert [row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")] == [c0, c1, c2, c3]

@@ -24,11 +24,15 @@ LIGHTS = {
 }
 
 
+# Beside the road: yellower than it, and bluer.
+SOIL, SNOW_IN_SHADE = (150, 120, 60), (190, 200, 230)
+
+
 @lru_cache(maxsize=32)
-def drawn(**look):
-    """A line 1.7 m to the left; beside the road is soil, which is yellower than the road."""
+def drawn(beside=SOIL, **look):
+    """A line 1.7 m to the left, at the edge of the road."""
     road = Road(CAMERA, noise=1.0)
-    return road.paint(lambda x, y: y > 1.9, (150, 120, 60)).lines(1.7, phase_m=1.0, **look).image()
+    return road.paint(lambda x, y: y > 1.9, beside).lines(1.7, phase_m=1.0, **look).image()
 
 
 def paint_in(image, y=1.7, side=1, *, light="white"):
@@ -53,10 +57,14 @@ def kind_of(*profiles):
 
 
 @pytest.mark.parametrize("light", LIGHTS)
-@pytest.mark.parametrize(("paint", "colour"), [(WHITE, "white"), (YELLOW, "yellow")], ids=["white", "yellow"])
-def test_colour_is_that_of_the_paint_not_of_the_light(paint, colour, light):
+@pytest.mark.parametrize(
+    ("paint", "colour", "beside"),
+    [(WHITE, "white", SNOW_IN_SHADE), (YELLOW, "yellow", SOIL)],
+    ids=["white", "yellow"],
+)
+def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_road(paint, colour, beside, light):
     """Light of sodium lamps has little blue for yellow paint to lack."""
-    profile = paint_in(drawn(colour=paint), light=light)
+    profile = paint_in(drawn(beside, colour=paint), light=light)
     assert TypeVotes().add(profile).colour in ((colour, None) if light == "sodium lamps" else (colour,))
 
 

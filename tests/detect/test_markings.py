@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,8 +11,7 @@ import pytest
 
 import lanes
 from lanes.detect.confidence import SURE_CONFIDENCE
-from lanes.detect.markings import find_mask, load_markings
-from lanes.detect.paint import lightness
+from lanes.detect.markings import load_markings
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
@@ -24,8 +22,8 @@ from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.onnx_file import threshold, write_model
-from tests.support.painted_drive import GREY, SMALL, PaintedDrive, lane_lines, s_bend
-from tests.support.painted_roads import ASPHALT, Arc, Road, dashcam
+from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
+from tests.support.painted_roads import Arc, Road, dashcam
 
 CAMERA = dashcam()
 LEFT_M, RIGHT_M = 1.8, -1.7
@@ -46,9 +44,7 @@ def errors_m(lane: lanes.Lane, arc: Arc) -> np.ndarray:
 
 
 class TestMask:
-    @pytest.mark.parametrize(
-        ("arc", "size"), [(Arc(), (640, 360)), (Arc(1 / 150, offset_m=0.4), (640, 360)), (Arc(-1 / 80), (320, 180))]
-    )
+    @pytest.mark.parametrize(("arc", "size"), [(Arc(1 / 150, offset_m=0.4), (640, 360)), (Arc(-1 / 80), (320, 180))])
     def test_a_wide_mask_gives_the_lane_of_a_road_without_visible_paint(self, arc, size):
         road = Road(CAMERA, arc=arc)
         mask, image = cv2.resize(wide_mask(road), size, interpolation=cv2.INTER_AREA), road.image()
@@ -56,7 +52,7 @@ class TestMask:
         assert errors_m(lane, arc).max() < 0.05 and lane.confidence > 0.9
         assert [line.kind or line.colour for line in lane.lines] == [None, None]
 
-    def test_stripes_are_where_the_band_filter_sees_them_and_profiles_are_measured_only_there(self):
+    def test_visible_paint_gives_the_place_and_the_kind_that_a_mask_lacks(self):
         """The mask lies 6 cm to the left of dashes; between them there is a mask, too."""
         road = Road(CAMERA).lines(LEFT_M, RIGHT_M, dash_m=(3.0, 9.0))
         mask = wide_mask(road, 0.2, 0.06)
@@ -68,8 +64,7 @@ class TestMask:
         assert [(line.kind, line.colour) for line in found.lane.lines] == [("dashed", "white")] * 2
 
     def test_with_own_a_mask_without_markings_leaves_what_our_network_finds(self):
-        """Paint that is too faint for the band filter. Without our stripes there is none."""
-        image = Road(CAMERA, noise=5.0).lines(LEFT_M, RIGHT_M, colour=tuple(np.add(ASPHALT, 8))).image()
+        image = Road(CAMERA).lines(LEFT_M, RIGHT_M).image()
 
         def nothing(_: np.ndarray) -> np.ndarray:
             return np.zeros((9, 16))
@@ -82,19 +77,15 @@ class TestMask:
     @pytest.mark.parametrize(
         ("mask", "words"),
         [
-            (np.full((9, 16), np.nan), r"broken: returned .*\(9, 16\) with values from nan to nan"),
+            (np.full((9, 16), np.nan), "with values from nan to nan"),
             (np.full((9, 16), 255, np.uint8), "from 255 to 255; a mask has .* probabilities, 0 to 1"),
-            (np.full((9, 16), -3.0), "from -3 to -3"),
             (np.zeros((9, 16, 2)), r"shape \(9, 16, 2\)"),
             (None, r"shape \(\)"),
         ],
     )
     def test_what_is_no_mask_is_refused(self, mask, words):
-        def broken(_: np.ndarray) -> np.ndarray:
-            return mask
-
         with pytest.raises(LaneError, match=words):
-            find_mask(np.zeros((9, 16, 3), np.uint8), broken)
+            lanes.find_lane(np.zeros((360, 640, 3), np.uint8), CAMERA, markings=lambda _: mask)
 
 
 @pytest.fixture(scope="module")
@@ -140,45 +131,42 @@ class TestModel:
         with pytest.raises(LaneError, match="the outputs are area, lines; write `output:`"):
             load_markings(write_model(tmp_path / "m.onnx", outputs, LOGITS))
 
-    def test_it_can_be_sent_to_another_process_and_a_new_file_of_the_same_name_is_read(self, image, tmp_path):
+    def test_a_new_file_of_the_same_name_is_read(self, image, tmp_path):
         file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, LOGITS)
-        model = load_markings(file)
-        before = pickle.loads(pickle.dumps(model))(image)
-        np.testing.assert_array_equal(before, model(image))
+        before = load_markings(file)(image)
         write_model(file, {"lines": threshold(-1, 0, 0)}, LOGITS)
-        other = load_markings(file)
-        assert repr(other) != repr(model) and np.abs(other(image) - before).max() > 0.5
+        assert np.abs(load_markings(file)(image) - before).max() > 0.5
 
     def test_the_confidence_has_its_own_constant(self, image, tmp_path):
         model = load_markings(write_model(tmp_path / "m.onnx", {"a": threshold()}, LOGITS | {"confidence_shift": -3}))
-        shifted = lanes.find_lane(image, CAMERA, markings=model)
-        plain = lanes.find_lane(image, CAMERA, markings=replace(model, confidence_shift=0.0))
-        odds = [lane.confidence / (1 - lane.confidence) for lane in (plain, shifted)]
-        assert np.log(odds[0] / odds[1]) == pytest.approx(3.0, abs=0.01)
+        unshifted = replace(model, confidence_shift=0.0)
+        plain, shifted = (lanes.find_lane(image, CAMERA, markings=markings) for markings in (unshifted, model))
+        assert plain.log_odds - shifted.log_odds == pytest.approx(3.0, abs=0.01)
         assert LaneTracker(CAMERA, markings=model).update(image).confidence_shift == -3
 
     @pytest.mark.parametrize(
-        ("text", "words"),
+        ("entries", "words"),
         [
             (None, "no such YAML file.*write what the network needs, such as `input_size: .*own_network.md"),
             ("", "the file is empty"),
             ("[1, 2]", "must be a mapping"),
-            ("input_size: [640, 360]\nchannel: 1", "missing 1 required positional argument: 'values'"),
-            ("input_size: [640, 360]\nchannel: 1\nvalues: logit", "values are logits or probabilities"),
-            ("input_size: [640, 360]\nchannel: 1\nvalues: logits\ncolor: RGB", "unexpected keyword argument 'color'"),
-            ("input_size: [640, 360]\nchannel: 7\nvalues: logits", r"shape \(1, 2, 360, 640\) has no channel 7"),
-            ("input_size: [640, 360]\nchannel: 1\nvalues: probabilities", "returned .* with values from"),
-            ("input_size: [640, 360]\nchannel: 1\nvalues: logits\nscale: 1/255", "could not convert string to float"),
-            ("input_size: 640x360\nchannel: 1\nvalues: logits", "size"),
-            ("input_size: [640, 360]\nchannel: 1\nvalues: logits\noutput: x", "the outputs are lines; write `output:`"),
             ("a: [", "expected the node content"),
             ("a: &a [1]\nb: *a", "has an alias, which is not allowed"),
+            ({"input_size": [640, 360], "channel": 1}, "missing 1 required positional argument: 'values'"),
+            (LOGITS | {"values": "logit"}, "values are logits or probabilities"),
+            (LOGITS | {"color": "RGB"}, "unexpected keyword argument 'color'"),
+            (LOGITS | {"channel": 7}, r"shape \(1, 2, 360, 640\) has no channel 7"),
+            (LOGITS | {"values": "probabilities"}, "returned .* with values from"),
+            (LOGITS | {"scale": "1/255"}, "could not convert string to float"),
+            (LOGITS | {"input_size": "640x360"}, "size"),
+            (LOGITS | {"output": "x"}, "the outputs are lines; write `output:`"),
         ],
+        ids=lambda value: str(value)[:20],
     )
-    def test_errors_name_the_yaml_file_and_what_to_write(self, tmp_path, text, words):
-        file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, None)
-        if text is not None:
-            file.with_suffix(".yaml").write_text(text)
+    def test_errors_name_the_yaml_file_and_what_to_write(self, tmp_path, entries, words):
+        file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, entries if isinstance(entries, dict) else None)
+        if isinstance(entries, str):
+            file.with_suffix(".yaml").write_text(entries)
         with pytest.raises(LaneError, match=rf"^{tmp_path}/m\.yaml: cannot be used \(.*{words}"):
             load_markings(file)
 
@@ -219,12 +207,10 @@ def true_offset_m(time_s: float = 0.0) -> float:
 class TestDrive:
     """Every command takes markings that only the network sees."""
 
-    @pytest.mark.parametrize("own", ["", ",own"])
-    def test_only_with_the_network_the_lines_are_found_and_tracked(self, hidden, own):
-        assert np.ptp(lightness(np.uint8([[PINK, GREY]]))) < 2
+    def test_only_with_the_network_the_lines_are_found_and_tracked(self, hidden):
         lane = lanes.find_lane(HIDDEN.frame(0.0), SMALL)
         assert lane is None or lane.confidence < SURE_CONFIDENCE
-        tracker = LaneTracker(SMALL, markings=load_markings(f"{hidden}/pink.onnx{own}"))
+        tracker = LaneTracker(SMALL, markings=load_markings(f"{hidden}/pink.onnx,own"))
         for frame in range(4):
             lane = tracker.update(HIDDEN.frame(frame / 25))
             assert lane.offset_m == pytest.approx(true_offset_m(frame / 25), abs=0.05)
@@ -237,33 +223,26 @@ class TestDrive:
             telemetry = read_telemetry(tmp_path / name)
             assert telemetry["offset_m"][-1] == pytest.approx(true_offset_m(last), abs=0.06)
         assert f"{hidden}/pink.onnx" in (tmp_path / "drive.html").read_text()
-        status, _, err = run("annotate", hidden / "stills", "--markings", "nothing.onnx", "-o", tmp_path)
-        assert status == 2 and "nothing.onnx: there is no such ONNX file" in err
 
     @pytest.mark.slow
-    def test_lines_are_detected_explained_and_show_the_pose(self, hidden, tmp_path, run):
-        options = "--markings", f"{hidden}/pink.onnx,own", "--camera", hidden / "drive.yaml"
-        still = hidden / "stills" / "a.png"
-        _, out, _ = run("detect", still, hidden / "drive.mp4", *options, "-o", tmp_path / "lanes.jsonl")
+    def test_lines_are_detected_explained_show_the_pose_and_are_scored(self, hidden, tmp_path, run):
+        camera, markings = ("--camera", hidden / "drive.yaml"), ("--markings", f"{hidden}/pink.onnx,own")
+        still, labels = write_image(tmp_path / "a.png", HIDDEN.frame(0.0)), tmp_path / "labels.jsonl"
+        rows = ("--rows", "200:350:10", "-o", labels)
+        _, out, _ = run("detect", still, hidden / "drive.mp4", *camera, *markings, *rows)
         assert f"{FRAMES + 1} pictures, no lane in 0" in out
-        for file in (still, hidden / "drive.mp4"):
-            _, out, _ = run("explain", file, *options, "-o", tmp_path / "explained.png")
-            assert "probability of paint up to 9" in out and "failed at" not in out
-        _, out, _ = run("pose", still, *options[:3], hidden / "lens.yaml", "-o", tmp_path / "camera.yaml")
+        _, out, _ = run("explain", still, *camera, *markings, "-o", tmp_path / "explained.png")
+        assert "probability of paint up to 9" in out and "failed at" not in out
+        _, out, _ = run("pose", still, "--camera", hidden / "lens.yaml", *markings, "-o", tmp_path / "camera.yaml")
         assert "1 of 1 used" in out
+        labels.write_text(labels.read_text().splitlines()[-1].replace(f"{tmp_path}/", ""))
+        blind = "--markings", write_model(tmp_path / "blind.onnx", {"lines": threshold(-1, -1, -1)}, LOGITS)
+        for used, right in ((markings, "1.000"), (blind, "0.000")):
+            _, out, _ = run("benchmark", "--labels", labels, "--system", "tracker", *camera, *used)
+            (line,) = (line for line in out.splitlines() if line.startswith("tracker"))
+            assert line.split()[1:3] == ["1", right]
 
     def test_finished_drives_depend_on_them(self, hidden, tmp_path):
         model, settings = load_markings(hidden / "pink.onnx"), DriveSettings(output=tmp_path, camera=SMALL)
         prints = [fingerprint(hidden / "drive.mp4", replace(settings, markings=m))["settings"] for m in (None, model)]
         assert prints[0]["markings"] == "None" and model.digest in prints[1]["markings"]
-
-    def test_labelled_stills_are_scored_with_them(self, hidden, tmp_path, run):
-        camera, markings = ("--camera", hidden / "drive.yaml"), ("--markings", hidden / "pink.onnx")
-        still = write_image(tmp_path / "a.png", HIDDEN.frame(0.0))
-        labels = tmp_path / "labels.jsonl"
-        assert run("detect", still, *camera, *markings, "--rows", "200:350:10", "-o", labels)[0] == 0
-        labels.write_text(labels.read_text().replace(f"{tmp_path}/", ""))
-        for more, matched in ((markings, "1.000"), ((), "0.000")):
-            _, out, _ = run("benchmark", "--labels", labels, "--system", "tracker", *camera, *more)
-            (line,) = (line for line in out.splitlines() if line.startswith("tracker"))
-            assert matched in line.split()

@@ -104,4 +104,8 @@ def test_a_lane_too_faint_for_the_band_filter_is_found():
 def test_support_is_the_share_of_the_visible_rows_that_are_painted():
     camera = dashcam(1280)
     lane = find_lane(Road(camera, noise=1.0).lines(1.8).lines(-1.8, dash_m=(3, 12)).image(), camera)
-    assert lane.left.support > 0.95 and lane.right.support == pytest.approx(0.25, abs=0.06)
+    assert 0.93 < lane.left.support < 1.03 and lane.right.support == pytest.approx(0.25, abs=0.06)
+    # near the car the right line is outside of the image
+    camera = dashcam(1280, yaw_rad=0.25)
+    lane = find_lane(Road(camera, noise=1.0).lines(1.8, -1.8).image(), camera)
+    assert 0.9 < lane.left.support < 1.03 and 0.9 < lane.right.support < 1.03

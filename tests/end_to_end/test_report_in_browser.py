@@ -1,4 +1,4 @@
-"""The report page in Chromium, opened from a file: playing, clicks, keys, screen sizes and hostile names."""
+"""The pages of a report and of a score in Chromium: playing, clicks, keys, screen sizes and hostile names."""
 
 from __future__ import annotations
 
@@ -7,7 +7,10 @@ import pytest
 from selenium.webdriver import Keys
 
 from lanes.describe import describe_bend
+from lanes.images import write_image
+from lanes.labels import LaneColumns
 from lanes.report import write_report
+from lanes.score import score_still, score_tables, write_score_page
 from lanes.video.writer import VideoWriter
 from tests.report.test_page import story
 from tests.support.browser import needs_browser, open_browser
@@ -133,15 +136,6 @@ def test_curves_have_gaps_and_a_band_of_one_standard_deviation(page, name, colum
         np.testing.assert_allclose(line[:, 1] - low[::-1, 1], std[frames], atol=0.001)
 
 
-def test_axes_contain_the_values_and_have_round_ticks(page):
-    ticks_of = "return ticksOf(arguments[0], arguments[1])"
-    assert page.execute_script(ticks_of, [0, 3, None], [0, 4]) == [0, 1, 2, 3, 4]
-    for values in ([None, None], [1e-7, -1e-7], [-250, 380]):
-        ticks, known = page.execute_script(ticks_of, values, [-0.5, 0.5]), [value or 0 for value in values]
-        assert min(ticks) <= min(-0.5, *known) and max(ticks) >= max(0.5, *known)
-        assert 2 <= len(ticks) <= 12 and 0 in ticks and all(len(f"{tick:g}") < 6 for tick in ticks)
-
-
 def test_levels_of_the_confidence_fill_the_strip(page):
     bars = "return [...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
     found = [(name, path) for name, path in page.execute_script(bars) if name != "sure"]
@@ -178,6 +172,11 @@ def test_worst_moments(page, browser, folder):
     assert headings == page.execute_script("return Object.keys(worstMoments())") and len(headings) == 5
 
 
+def show(browser, folder, telemetry, **options) -> None:
+    words = {"title": "d", "settings": {}, "max_embedded_bytes": 0} | options
+    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **words))
+
+
 def test_a_single_lost_frame_has_one_moment(browser, folder):
     show(browser, folder, {name: column[100:101] for name, column in story().items()})
     assert len(moments(browser, "Lane not seen")) == 1
@@ -185,19 +184,12 @@ def test_a_single_lost_frame_has_one_moment(browser, folder):
     assert browser.console() == []
 
 
-def show(browser, folder, telemetry, **options) -> None:
-    words = {"title": "d", "settings": {}, "max_embedded_bytes": 0} | options
-    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **words))
-
-
 def test_buttons_seek_to_moments(page):
-    labels = page.execute_script("return [...document.querySelectorAll('nav button')].map(b => b.textContent)")
-    assert labels[0] == "0:04.5 lost for 1.5 s"
+    assert page.execute_script("return document.querySelector('nav button').textContent") == "0:04.5 lost for 1.5 s"
     page.click("nav button")
     page.wait("!video.seeking && video.currentTime > 0")
     assert page.execute_script("return video.currentTime") == pytest.approx(4.5, abs=0.01)
     assert text_of(page, "state") == "lost"
-    wait_for_frame(page, 90)
 
 
 def test_each_moment_has_a_command_to_copy_and_warnings_are_at_the_top(browser, folder):
@@ -255,6 +247,36 @@ def test_the_page_fits_every_screen_and_scheme(page):
         assert len(gaps) == 4 and max(gaps) < 0.6
     width, height = page.execute_script("const box = video.getBoundingClientRect(); return [box.width, box.height]")
     assert width / height == pytest.approx(320 / 180, rel=0.01)  # no bars
-    for dark, background in ((False, "rgb(250, 250, 250)"), (True, "rgb(20, 23, 26)")):
+    backgrounds = []
+    for dark in (False, True):
         page.set_dark(dark)
-        assert page.execute_script("return getComputedStyle(document.body).backgroundColor") == background
+        backgrounds.append(page.execute_script("return getComputedStyle(document.body).backgroundColor"))
+    assert len(set(backgrounds)) == 2
+
+
+def test_the_page_of_a_score_shows_tables_and_lines_and_runs_no_text(browser, tmp_path):
+    names, rows = [HOSTILE.replace(".mp4", ".png"), "gone.png"], np.arange(400.0, 700, 10)
+    write_image(tmp_path / names[0], np.full((720, 1280, 3), 90, np.uint8))
+    lines = np.array([np.where(rows == 500, -2.0, column) for column in (300, 900)])
+    labels = [LaneColumns(name, rows, lines) for name in names]
+    scores = [
+        score_still(label, LaneColumns("", rows, lines[:1] + shift))
+        for label, shift in zip(labels, (90, 0), strict=True)
+    ]
+    words = {"title": HOSTILE, "notes": "note: <b>one</b> & {{data}}\n"}
+    browser.open(write_score_page(tmp_path / "score.html", tmp_path, scores, score_tables(scores), words))
+    run = browser.execute_script
+    assert run("return document.title") == f"{HOSTILE}: score"
+    assert run("return document.getElementById('notes').textContent").strip() == words["notes"].strip()
+    assert run("return [...document.querySelectorAll('figcaption')].map(c => c.firstChild.data)") == names
+    assert run("return document.querySelectorAll('#stills image').length") == 1
+    assert run("return document.querySelectorAll('img, b').length") == 0
+    # each line is drawn from its first point to its last, with a gap at row 500
+    left, _ = run("return [...document.querySelectorAll('path.label.ego')].slice(-2).map(p => p.getAttribute('d'))")
+    assert left.count("M") == 2 and left.startswith("M300 400L") and left.endswith("L300 690")
+    assert run("return getComputedStyle(document.querySelector('path.prediction')).strokeDasharray") != "none"
+    cells = run("return [...document.querySelectorAll('#tables tbody tr')].map(r => r.textContent)")
+    assert cells[0].startswith("all2")
+    browser.set_size(420, 800)
+    assert run("return document.querySelector('#tables tbody th').offsetWidth") > 100
+    assert browser.console() == []

@@ -49,52 +49,45 @@ def test_each_mechanism_changes_exactly_its_settings(mechanism):
     assert settings == default
 
 
-class TestTheFit:
-    def test_weights_are_found_again(self):
-        rng = np.random.default_rng(3)
-        features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
-        right = rng.random(4000) < logistic(features @ [1.0, -2.0])
-        np.testing.assert_allclose(fit_logistic(features, right, np.ones(4000)), [1.0, -2.0], atol=0.2)
-        np.testing.assert_allclose(fit_logistic(features, right, np.ones(4000), {1: -2.0}), [1.0, -2.0], atol=0.2)
-        assert fit_logistic(features, right, np.ones(4000), {1: -4.0})[1] == pytest.approx(-4.0)
+def test_the_confidence_is_fitted_and_each_drive_says_nothing_of_itself():
+    """Each of ten drives has a feature of its own that tells all: only to those who have seen the drive."""
+    rng = np.random.default_rng(3)
+    features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
+    right = rng.random(4000) < logistic(features @ [1.0, -2.0])
+    np.testing.assert_allclose(fit_logistic(features, right, np.ones(4000)), [1.0, -2.0], atol=0.2)
+    assert fit_logistic(features, right, np.ones(4000), {1: -4.0})[1] == pytest.approx(-4.0)
+    drive = np.repeat(np.arange(10), 200)
+    features = np.column_stack([np.ones(2000), drive[:, None] == np.arange(10)])
+    table = Table(features, drive % 2 == 0, np.ones(2000), np.full(2000, PAINTED), drive)
+    assert np.abs(left_out(table) - 0.5).max() < 0.2
 
-    def test_long_drives_count_no_more_than_short_ones(self):
-        samples = [Sample(PAINTED, "long", {"constant": 1.0}, True)] * 1000
-        samples += [Sample(PAINTED, "short", {"constant": 1.0}, False)] * 24
-        table = Table.of(samples)
-        assert fit_logistic(table.features, table.right, table.weight)[0] == pytest.approx(0.0, abs=1e-6)
 
-    def test_a_drive_says_nothing_of_itself(self):
-        """Each drive has a feature of its own that tells all: only to those who have seen the drive."""
-        drive = np.repeat(np.arange(10), 200)
-        right = drive % 2 == 0
-        features = np.column_stack([np.ones(2000), drive[:, None] == np.arange(10)])
-        table = Table(features, right, np.ones(2000), np.full(2000, PAINTED), drive)
-        assert np.abs(left_out(table) - 0.5).max() < 0.2
-        assert np.abs(logistic(features @ fit_logistic(features, right, table.weight)) - right).max() < 0.2
+def test_long_drives_count_no_more_than_short_ones():
+    samples = [Sample(PAINTED, "long", {"constant": 1.0}, True)] * 1000
+    samples += [Sample(PAINTED, "short", {"constant": 1.0}, False)] * 24
+    table = Table.of(samples)
+    assert fit_logistic(table.features, table.right, table.weight)[0] == pytest.approx(0.0, abs=1e-6)
 
-    def test_the_constant_of_a_network_corrects_the_mean_confidence(self):
-        log_odds, chance = np.linspace(-4, 4, 4001), np.random.default_rng(0).random(4001)
-        weight = 1 + (log_odds > 0)
-        assert fit_shift(log_odds, chance < logistic(log_odds - 1.5), weight) == pytest.approx(-1.5, abs=0.1)
-        assert fit_shift(log_odds, chance < 2, weight) == pytest.approx(6.0)
 
-    def test_a_network_that_finds_no_lane_has_no_constant(self, monkeypatch):
-        monkeypatch.setattr("sys.argv", ["fit_confidence", "--markings", "model.onnx"])
-        monkeypatch.setattr("tools.fit_confidence.load_markings", lambda path: path)
-        monkeypatch.setattr("tools.fit_confidence.samples_of_painted_roads", lambda markings: [])
-        with pytest.raises(SystemExit, match=r"model\.onnx: no lane found with this network is right"):
-            fit_confidence.main()
+def test_the_constant_of_a_network_corrects_the_mean_confidence_if_any_lane_is_right(monkeypatch):
+    log_odds, chance = np.linspace(-4, 4, 4001), np.random.default_rng(0).random(4001)
+    weight = 1 + (log_odds > 0)
+    assert fit_shift(log_odds, chance < logistic(log_odds - 1.5), weight) == pytest.approx(-1.5, abs=0.1)
+    monkeypatch.setattr("sys.argv", ["fit_confidence", "--markings", "model.onnx"])
+    monkeypatch.setattr("tools.fit_confidence.load_markings", lambda path: path)
+    monkeypatch.setattr("tools.fit_confidence.samples_of_painted_roads", lambda markings: [])
+    with pytest.raises(SystemExit, match=r"model\.onnx: no lane found with this network is right"):
+        fit_confidence.main()
 
-    def test_lanes_are_judged_by_their_own_truth(self):
-        rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(9)]
-        truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
-        frames = [BENDS.frame(i / 12.5) for i in range(9)]
-        followed, alone = label_lanes(frames, BENDS.camera, truth, group="bends")
-        assert [len(followed), len(alone)] == [9, 3]
-        assert {one.group for one in followed + alone} == {"bends"} and all(one.right for one in followed + alone)
-        aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-        assert not any(one.right for some in label_lanes(frames, BENDS.camera, aside, group="") for one in some)
+
+def test_lanes_are_judged_by_their_own_truth():
+    rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(5)]
+    truth = LaneTruth.from_columns({name: np.array([row[name] for row in rows], float) for name in rows[0]})
+    frames = [BENDS.frame(i / 12.5) for i in range(5)]
+    followed, alone = label_lanes(frames, BENDS.camera, truth, group="bends")
+    assert [len(followed), len(alone)] == [5, 2] and all(one.right for one in followed + alone)
+    aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
+    assert not any(one.right for some in label_lanes(frames, BENDS.camera, aside, group="") for one in some)
 
 
 CAMERA = dashcam()

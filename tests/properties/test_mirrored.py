@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given
 
 from lanes.camera import Camera
-from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.lane import Lane
-from lanes.detect.paint import marking_response
 from lanes.tracking.tracker import LaneTracker
-from tests.support.any_pictures import camera_of, pictures
-from tests.support.examples import examples
 from tests.support.painted_drive import BENDS, SMALL
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
@@ -36,10 +30,6 @@ def mirrored(camera: Camera) -> Camera:
 
 def flip(image: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(image[:, ::-1])
-
-
-view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
-mirrored_view_of = cache(lambda size: BirdsEyeView(mirrored(camera_of(size))))
 
 
 def assert_mirrored(lane: Lane | None, other: Lane | None, *, same_m: float = SAME_M) -> None:
@@ -68,15 +58,3 @@ def test_a_painted_drive_is_tracked_alike():
             assert lane.state == other.state
             found += 1
     assert found >= 23
-
-
-@examples(60)
-@given(pictures(sizes=((64, 36), (160, 90), (320, 180))))
-def test_the_marking_response_of_any_picture(image):
-    """The channels are integers and equal to the last bit; the strength includes a mean."""
-    size = image.shape[1], image.shape[0]
-    view, other = view_of(size), mirrored_view_of(size)
-    seen = view.warp(image)
-    response, mirror = marking_response(seen, view), marking_response(flip(seen), other)
-    np.testing.assert_array_equal(mirror.channels[..., ::-1], response.channels)
-    np.testing.assert_allclose(mirror.strength[:, ::-1], response.strength, atol=1e-4)

@@ -1,4 +1,4 @@
-"""Road markings: coverage against brute force, double lines, symbols, Botts' dots."""
+"""Road markings: width and place of single and double lines, dashes, Botts' dots, limited and oblique lines."""
 
 from __future__ import annotations
 
@@ -9,33 +9,10 @@ import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.ground import cast_on_ground, pixel_rays
-from simulator.road.markings import WHITE, Marking, paint_markings
+from simulator.road.markings import Marking, paint_markings
 from simulator.road.road_ahead import RoadAhead
 from simulator.scenes.dashcam import DASHCAM
-from tests.simulator.small_drive import POSE, SMALL
-
-
-@pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
-def test_paint_coverage_equals_brute_force_supersampling(dashed, worst, mean):
-    """Coverage is exact along a line, and approximate where a dash ends at a pixel on the edge of the line."""
-    road, pose = RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), VehiclePose(50.0, 0.3, 0.01)
-    marking = Marking(-1.8, 0.12, WHITE, dashed=dashed, phase_m=1.0)
-    ground = cast_on_ground(pixel_rays(SMALL), SMALL, RoadAhead(road, pose))
-    pixels, coverage = marking.coverage(ground)
-    picture = np.zeros(ground.s.shape, np.float32)
-    picture.ravel()[pixels] = coverage
-    # 17 x 17 rays in each pixel of a window that contains the line from 15 m to 40 m ahead.
-    rows, columns, n = np.arange(197, 232), np.arange(335, 425), 17
-    inner = (np.arange(n) + 0.5) / n - 0.5
-    v, u = np.meshgrid((rows[:, None] + inner).ravel(), (columns[:, None] + inner).ravel(), indexing="ij")
-    points = SMALL.pixels_to_road(np.column_stack([u.ravel(), v.ravel()])).astype(np.float32)
-    s, d = RoadAhead(road, pose).locate(points[:, 0], points[:, 1])
-    painted = (np.abs(d + 1.8) < 0.06) & (((s + 49.0) % 12.2 < 3.05) | (not dashed))
-    brute = painted.reshape(len(rows), n, len(columns), n).mean(axis=(1, 3))
-    got = picture[rows[0] - ground.top : rows[-1] + 1 - ground.top, columns]
-    assert brute.max() == 1.0
-    assert np.abs(got - brute).mean() < mean
-    assert np.abs(got - brute).max() < worst
+from tests.simulator.small_drive import POSE
 
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:
@@ -59,7 +36,7 @@ def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(width_
     assert (left + right) / 2 == pytest.approx(1.8, abs=0.003)
 
 
-def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
+def test_dashes_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
     road, pose = RoadGeometry([0.0, 200.0], [0.0, 0.0]), VehiclePose(50.0, 0.1)
     ground = cast_on_ground(pixel_rays(DASHCAM), DASHCAM, RoadAhead(road, pose))
     places = (ground.s.ravel(), ground.d.ravel())
@@ -68,6 +45,9 @@ def test_botts_dots_limited_lines_and_oblique_lines_have_the_right_position():
         pixels, coverage = Marking(-1.5, 0.10, wear=0.0, **options).coverage(ground)
         return [place[pixels[coverage > 0.5]] for place in places]
 
+    s, _ = painted(dashed=True, phase_m=56.0)
+    dash = s[s < 15]
+    assert (dash.min(), dash.max(), s[s > 15].min()) == pytest.approx((6.0, 9.05, 18.2), abs=0.1)
     s, _ = painted(dashed=True, botts=True, phase_m=56.0)
     near = np.sort(s[s < 10])
     groups = np.split(near, np.flatnonzero(np.diff(near) > 0.4) + 1)

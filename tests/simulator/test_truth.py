@@ -1,4 +1,4 @@
-"""Ground truth: on the painted lines, consistent, through lane changes and without a lane; motion of the car."""
+"""Ground truth: on the painted lines, behind vehicles, through lane changes, without a lane; motion of the car."""
 
 import json
 from dataclasses import replace
@@ -8,6 +8,8 @@ import pytest
 
 from lanes.camera import Camera
 from lanes.files import read_telemetry
+from simulator.objects.scene_objects import PlacedObject
+from simulator.objects.vehicles import Car
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import render_frame
 from simulator.road.geometry import RoadGeometry, VehiclePose
@@ -101,3 +103,20 @@ def test_distance_is_the_integral_of_the_speed_knots():
     motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
     assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
     assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
+
+
+@pytest.mark.parametrize(
+    ("body", "s_m", "lateral_m", "side"), [("motorcycle", 114.0, 1.38, 0), ("truck", 122.0, -2.4, 1)]
+)
+def test_a_vehicle_hides_the_line_where_the_picture_shows_it_instead(body, s_m, lateral_m, side):
+    """Its shadow hides nothing; a pixel at its edge may have the same colour."""
+    options = {"camera": replace(DASHCAM, pose=POSE), "motion": Motion(100.0, 25.0, 0.3)}
+    clear = render_frame(small_drive(-1 / 300, **options))
+    drive = small_drive(-1 / 300, objects=(PlacedObject(s_m, lateral_m, Car("red", body)),), **options)
+    frame, columns = render_frame(drive), line_pixels(clear.truth, side, drive.camera_at(0.0))
+    assert truth_row(frame.truth, frame=0) == truth_row(clear.truth, frame=0)
+    label = truth_entry(frame.truth, raw_file="x.jpg", camera=drive.camera_at(0.0), hidden=frame.hidden)
+    hidden = (columns >= 0) & (np.array(label["lanes"][side]) == NOT_VISIBLE)
+    changed = np.abs(frame.image.astype(int) - clear.image).max(axis=2) > 20
+    other = changed[H_SAMPLES, np.rint(columns).astype(int)] & (columns >= 0)
+    assert hidden.sum() >= 2 and (hidden != other).sum() <= 1

@@ -1,13 +1,16 @@
-"""Light and weather: exposure, bridges, fog, glare, shade, night, wet roads and rain."""
+"""Light and weather: exposure, shadows, fog, retroreflection and rain."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from simulator.light.lens import AutoExposure, RoadLight
 from simulator.objects.overpass import Overpass
+from simulator.objects.shadows import shadow_polygons
+from simulator.objects.standing import Post
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
@@ -48,6 +51,12 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
     step_s = (1000.0 - 15.0) / 400.0
     shares = [(adapted(step_s + k * 0.8) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
+
+
+def test_shadows_fall_away_from_the_sun():
+    """The sun is on the right: 0.75 m farther left for each metre of height."""
+    post = shadow_polygons([Post(4.0, x_m=10.0)], np.array([0.0, -0.6, 0.8]))[0]
+    assert post[:, 1].max() == pytest.approx(3.0, abs=0.1) and post[:, 1].min() > -0.2
 
 
 def linear_light(drive: Drive, monkeypatch) -> np.ndarray:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from lanes.camera import Camera
 from lanes.detect.road import CENTRE
 from lanes.tracking.departure import Departure, DepartureWatch, describe_crossings, watch_departure
 from lanes.tracking.filter import CarMotion
@@ -54,6 +55,13 @@ def test_time_to_crossing(name):
     assert (warning.left_m, warning.right_m) == pytest.approx((0.9 + lane[CENTRE], 0.9 - lane[CENTRE]), rel=0.01)
 
 
+def test_distances_are_those_of_the_tyres_and_not_of_the_camera():
+    """A camera 0.4 m to the left of the middle of a lorry."""
+    camera = replace(SMALL, offset_m=0.4, car_width_m=2.5)
+    departure = DepartureWatch().update(lane_at(0.0), car(20.0), camera, 0.0)
+    assert (departure.left_m, departure.right_m) == pytest.approx((1.8 + 0.4 - 1.25, 1.8 - 0.4 - 1.25), abs=0.01)
+
+
 def test_uncertainty_suppresses_the_warning():
     lane = lane_at(0.0, -0.05)
     assert watch_departure(lane, car(20.0)).due
@@ -63,10 +71,10 @@ def test_uncertainty_suppresses_the_warning():
     assert watch_departure(bend, car(15.0)).due and not watch_departure(bend, car(15.0, turning_std_per_m=0.01)).due
 
 
-def watched(lanes: list[np.ndarray], motion: CarMotion, camera: Camera = SMALL) -> list[Departure]:
-    """The departures in frames of 0.04 s."""
+def watched(lanes: list[np.ndarray], motion: CarMotion, step_s: float = 0.04) -> list[Departure]:
+    """The departures in frames of a number of seconds."""
     watch = DepartureWatch()
-    return [watch.update(lane, motion, camera, 0.04 if n else 0.0) for n, lane in enumerate(lanes)]
+    return [watch.update(lane, motion, SMALL, step_s if n else 0.0) for n, lane in enumerate(lanes)]
 
 
 def test_a_motion_that_is_not_seen_is_no_departure():
@@ -74,10 +82,11 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     heading = -0.03
     still = watched([lane_at(-0.6, heading)] * 50, car(20.0))
     assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
-    moving = watched([lane_at(-0.2 - 0.024 * n, heading) for n in range(50)], car(20.0))
-    first = [departure.due for departure in moving].index(True)
-    # 1 s before the tyres are on the line, 0.7 m away; before that it was foreseen for 0.5 s
-    assert 0.0 < moving[first].left_m < 0.6 and moving[first].side == "left"
+    for step_s in (0.02, 0.08):  # at 0.6 m/s
+        moving = watched([lane_at(-0.2 - 0.6 * step_s * n, heading) for n in range(60)], car(20.0), step_s)
+        first = [departure.due for departure in moving].index(True)
+        # foreseen for 0.5 s, at any frame rate
+        assert moving[first].left_m == pytest.approx(0.27, abs=0.07) and moving[first].side == "left"
     assert not any(
         departure.due for departure in watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
     )

@@ -1,17 +1,69 @@
-"""What a drive loses by exposure, noise, and pictures that are missing, doubled or black."""
+"""What disturbs a drive: guide lines and bonnets, which never move; images that are missing, doubled or black."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
+import cv2
 import numpy as np
 import pytest
 
 from lanes.detect.lane import TRACKING
-from lanes.tracking.tracker import TrackerSettings
+from lanes.tracking.tracker import LaneTracker, TrackerSettings
+from simulator.rendering.drive import Motion
 from tests.support.motorway import FPS, Motorway, Step
+from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
+from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
+SMALL = CAMERA.scaled((640, 360))
+# Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
+LEARNT_S, SECONDS = 6.0, 9.0
+
+
+@pytest.fixture(scope="module")
+def motorway() -> Motorway:
+    return Motorway(SECONDS)
+
+
+@pytest.mark.parametrize("draw", [partial(draw_guide_lines, spread=0.5), draw_striped_bonnet])
+def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
+    said, errors = motorway.follow((draw(frame), None, number) for number, frame in enumerate(motorway.frames))
+    learnt = round(LEARNT_S * FPS)
+    assert errors.correct[learnt:].mean() >= 0.98
+    assert not errors.confident_and_wrong[learnt:].any()
+    assert said[-1].state == TRACKING and said[-1].confidence >= 0.9
+
+
+def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
+    """As in some simulators: straight ahead in the middle of the lane, without pitch motion."""
+    drive = PaintedDrive(straight_road(), (Stripe(1.8), Stripe(-1.8)), motion=Motion(speed_mps=25.0), camera=SMALL)
+    tracker = LaneTracker(SMALL, fps=FPS)
+    said = [tracker.update(drive.frame(number / FPS)) for number in range(round(2 * LEARNT_S * FPS))]
+    assert all(lane.state == TRACKING for lane in said[3:])
+    assert said[-1].left.seen and said[-1].right.seen
+
+
+def test_the_lane_is_kept_while_the_car_stands(motorway):
+    frames, tracker, rng = motorway.frames, motorway.tracker(), np.random.default_rng(0)
+    moving = [tracker.update(frame) for frame in frames[:50]]
+    noises = [rng.normal(0, 2, frames[49].shape).astype(np.int16) for _ in range(7)]
+    for number in range(round(10 * FPS)):
+        standing = tracker.update(cv2.add(frames[49], noises[number % 7], dtype=cv2.CV_8U))
+    assert standing.state == TRACKING
+    assert abs(standing.offset_m - moving[-1].offset_m) < 0.05
+    assert all(tracker.update(frame).state == TRACKING for frame in frames[50:])
+
+
+def test_what_never_moves_is_forgotten_between_two_drives(motorway):
+    tracker, fresh = motorway.tracker(), motorway.tracker()
+    for frame in motorway.frames[:150]:
+        tracker.update(draw_guide_lines(frame))
+    tracker.reset()
+    for frame in motorway.frames[:20]:
+        again, first = tracker.update(draw_guide_lines(frame)), fresh.update(draw_guide_lines(frame))
+        assert again.state == first.state and again.confidence == first.confidence
 
 
 def disturbed(drive: Motorway, hit: np.ndarray, kinds: tuple[str, ...], *, told: bool = True) -> Iterator[Step]:
@@ -20,7 +72,7 @@ def disturbed(drive: Motorway, hit: np.ndarray, kinds: tuple[str, ...], *, told:
     `told` is by how much later the next frame comes.
     """
     shown, last = 0, -1
-    for frame in range(len(drive.frames)):
+    for frame in range(len(hit)):
         kind = kinds[frame % len(kinds)] if hit[frame] else ""
         if kind != "dropped":
             shown = shown if kind == "doubled" else frame
@@ -38,11 +90,10 @@ def disturbed(drive: Motorway, hit: np.ndarray, kinds: tuple[str, ...], *, told:
     ],
     ids=["dropped without a word", "all at once"],
 )
-def test_a_drive_that_is_disturbed_ends_tracked_and_is_never_confident_and_wrong(kinds, told, share, right):
-    drive = Motorway(seconds=6.0)
-    hit = np.random.default_rng(1).random(len(drive.frames)) < share
+def test_a_drive_that_is_disturbed_ends_tracked_and_is_never_confident_and_wrong(motorway, kinds, told, share, right):
+    hit = np.random.default_rng(1).random(round(6.0 * FPS)) < share
     hit[0] = hit[-TrackerSettings().confirmations - 1 :] = False
-    said, errors = drive.follow(disturbed(drive, hit, kinds, told=told))
+    said, errors = motorway.follow(disturbed(motorway, hit, kinds, told=told))
     assert said[-1].state == TRACKING
     assert not errors.confident_and_wrong.any()
     assert errors.correct.mean() >= right

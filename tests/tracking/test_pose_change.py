@@ -17,12 +17,12 @@ def test_a_wrong_yaw_is_named(yaw_deg, side):
 
 
 def test_a_short_drive_and_an_unsteady_yaw_are_no_wrong_yaw():
-    time_s, yaw_rad = np.arange(0, 20, 0.1), np.full(200, 0.05)
+    time_s, yaw_rad = 100 + np.arange(0, 20, 0.1), np.full(200, 0.05)  # on the clock of the video
     rows = {"time_s": time_s, "state": np.full(200, "tracking"), "camera_yaw_rad": yaw_rad}
     assert find_wrong_yaw(rows) == pytest.approx(-0.05)
     assert find_wrong_yaw({name: column[:95] for name, column in rows.items()}) is None
     assert find_wrong_yaw(rows | {"state": np.full(200, "lost")}) is None
-    assert find_wrong_yaw(rows | {"camera_yaw_rad": np.where(time_s < 15, 0.05, 0.0)}) is None
+    assert find_wrong_yaw(rows | {"camera_yaw_rad": np.where(time_s < 115, 0.05, 0.0)}) is None
 
 
 def made(pitch_deg: np.ndarray, heading_deg: np.ndarray | float = 0.0) -> dict[str, np.ndarray]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from fractions import Fraction
 from functools import lru_cache
+from itertools import takewhile
 
 import cv2
 import numpy as np
@@ -154,6 +155,16 @@ def test_coasting_lasts_as_long_at_any_frame_rate(fps):
     assert coasted == pytest.approx(0.7 / 0.05, abs=1)
 
 
+def test_coasting_ends_where_the_lines_are_too_uncertain():
+    tracker, black = (
+        LaneTracker(SMALL, fps=FPS, settings=TrackerSettings(max_coast_s=60.0)),
+        np.zeros((360, 640, 3), np.uint8),
+    )
+    follow(DRIVE, 1.0, tracker=tracker)
+    coasting = list(takewhile(bool, (tracker.update(black) for _ in range(100))))
+    assert 0 < len(coasting) < 100
+
+
 def test_the_time_that_passed_counts_and_not_the_number_of_frames():
     """Told that a tenth of a second has passed, a tracker for 11 frames a second is one for 10, even coasting."""
     usual, told = LaneTracker(SMALL, fps=10), LaneTracker(SMALL, fps=11)
@@ -166,14 +177,18 @@ def test_the_time_that_passed_counts_and_not_the_number_of_frames():
     assert {"tracking", "coasting"} <= states
 
 
-@pytest.mark.parametrize("to_left", [True, False], ids=["left", "right"])
-def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
-    """A solid yellow line, a dashed white one, a solid white one: the one that is crossed is known, the next is new."""
+@pytest.mark.parametrize(("to_left", "camera_offset_m"), [(True, 0.0), (False, 0.3)], ids=["left", "right"])
+def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left, camera_offset_m):
+    """A dashed yellow line is crossed and stays known; the next one, solid and white, is new.
+
+    The middle of the car decides, not a camera beside it.
+    """
     side = 1 if to_left else -1
     crossed = {"dash_m": (3.05, 12.2), "colour": WORN_YELLOW}
     lines = Stripe(side * 1.8, **crossed), Stripe(-side * 1.8, colour=WORN_WHITE), Stripe(side * 5.4)
     motion = Motion(speed_mps=25.0, shift_m=side * 3.6, shift_start_s=1.0, shift_seconds=4.0)
-    drive = replace(DRIVE, road=straight_road(), lines=lines, motion=motion)
+    camera = replace(SMALL, offset_m=camera_offset_m)
+    drive = replace(DRIVE, road=straight_road(), lines=lines, motion=motion, camera=camera)
     frames = follow(drive, 5.6)
     assert {lane.state for _, lane, _ in frames[3:]} == {"tracking"}
     assert lateral_error_m(*frames[10][1:]) < 0.1
@@ -187,6 +202,7 @@ def test_lane_change_swaps_the_lines_and_what_is_known_of_them(to_left):
     assert (shared.kind, shared.colour, shared.double) == (old.kind, old.colour, old.double)
     assert (shared.kind, shared.colour) == ("dashed", "yellow")
     assert shared.seen and not new.seen and new.colour is None and new.kind is None
+    assert before.adjacent != after.far_evidence == (None, None)  # unknown until the next search
     last = frames[-1][1].left if to_left else frames[-1][1].right
     assert last.seen and (last.kind, last.colour) == ("solid", "white")
 
@@ -245,9 +261,16 @@ def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s
     tracker.update(black)
     tracker.update(black, elapsed_s=elapsed_s)
     before = len(asked)
-    for _ in range(20):  # two seconds
-        tracker.update(black)
+    for _ in range(32):  # two seconds
+        tracker.update(black, elapsed_s=1 / 16)
     assert len(asked) - before == 4
+
+
+def test_a_wrong_yaw_of_the_pose_is_not_taken_for_a_car_that_hardly_moves():
+    wrong = SMALL.with_pose(replace(SMALL.pose, yaw_rad=SMALL.pose.yaw_rad + 0.04))
+    frames = follow(replace(DRIVE, road=straight_road()), 4.0, tracker=LaneTracker(wrong, fps=FPS))
+    lane = frames[-1][1]
+    assert lane.camera_yaw_rad == pytest.approx(0.04, abs=0.015) and lane.motion.speed_mps > 15.0
 
 
 @pytest.mark.parametrize(
