@@ -2,18 +2,17 @@
 
 import re
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 
 import cv2
 import numpy as np
 import pytest
 
 from helpers import RECIPES, LaneFinder, RoadLine, get_recipe
-from lanes.camera import Camera
 from lanes.errors import CameraError, PictureError
 from lanes.images import read_image
 from tests.support.classic_lane import lane_result
-from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane, paint_view
+from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.project import REAL_DATA, ROOT
 
@@ -82,18 +81,6 @@ def test_yellow_is_yellow_in_video(name, mask):
     swapped = finder(name).follow(np.ascontiguousarray(frame[..., ::-1])).masks[mask][460:]
     assert (right_order > 0).sum() > 1000
     assert (swapped > 0).sum() < 0.02 * (right_order > 0).sum()
-
-
-@every_recipe
-def test_lines_and_measures_are_means_of_the_last_frames(name):
-    follow = finder(name)
-    results = [follow.follow(picture(LaneRoad(1 / 600, offset))) for offset in (0.0, 0.04, 0.08)]
-    assert {r.state for r in results} == {"found"}
-    single = [r.left_found.fit.coefficients for r in results]
-    np.testing.assert_allclose(results[-1].left.coefficients, np.mean(single, axis=0), rtol=1e-9)
-    offsets = [r.offset_m for r in results]
-    assert offsets == sorted(offsets)
-    assert offsets[-1] - offsets[0] == pytest.approx(0.04, abs=0.02)  # the mean of 0, 4 and 8 cm
 
 
 NOISE = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
@@ -183,39 +170,6 @@ def test_measures_need_both_lines_except_the_curvature():
     heading = 0.1
     left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)
-
-
-# Without distortion, so that the view of recipe A shows exactly what `image_of_view` was given.
-FLAT_CAMERA = Camera(1280, 720, CAMERA.matrix, np.zeros(5), CAMERA.pose)
-
-
-def image_of_view(binary):
-    """An image whose bird's-eye view in recipe A has white where the binary is set, on gray."""
-    view = np.dstack([np.where(binary > 0, 235, 105).astype(np.uint8)] * 3)
-    inverse = get_recipe("hls_sobel").four_point_warp().inverse
-    return cv2.warpPerspective(view, inverse, (1280, 720), borderValue=(105, 105, 105))
-
-
-def upright(*columns, **options):
-    return paint_view((1280, 720), [partial(np.full_like, fill_value=column) for column in columns], **options)
-
-
-def test_a_stub_of_a_line_is_no_line():
-    """One window of paint does not determine a curvature."""
-    stub = upright(400.0, rows=(620, 720)) | upright(900.0)
-    result = finder("hls_sobel", FLAT_CAMERA).find(image_of_view(stub))
-    assert (result.state, result.left) == ("lost", None) and result.right is not None
-
-
-def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
-    follow = finder("hls_sobel", FLAT_CAMERA)
-    follow.follow(image_of_view(upright(300.0, 900.0)))
-    jumped = image_of_view(upright(500.0, 900.0))
-    missed = follow.follow(jumped)
-    assert missed.left_found.fit is None  # 200 px away, outside the band around the line so far
-    seen = follow.follow(jumped)
-    assert seen.left_found.fit.columns(360) == pytest.approx(500, abs=15)
-    assert (missed.state, seen.state) == ("kept", "kept")  # the gate refuses a jump of more than 100 px
 
 
 def test_recipes_sizes_and_cameras_that_do_not_fit_are_named():

@@ -52,16 +52,6 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
     assert abs((top[0] + top[2]) / 2 - slanted(80)) < 40
 
 
-def test_windows_tile_the_height_and_catch_every_pixel():
-    binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
-    found = sliding_windows(binary, count=9, margin_px=80)
-    windows = found.windows[0]
-    assert [(top, bottom) for _, top, _, bottom in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
-    assert len(found.pixels[0]) == 9 * 15 * 80
-    assert (found.windows[1].shape, found.pixels[1].shape) == ((0, 4), (0, 2))
-    assert windows[1].tolist() == [220, 560, 380, 639]
-
-
 def test_few_pixels_do_not_move_a_window():
     binary = paint_view(SIZE, [lambda y: 300 + 0 * y], rows=(640, 720))
     binary[600:604, 360:370] = 255  # 40 pixels at the edge of the second window
