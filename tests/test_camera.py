@@ -72,10 +72,11 @@ def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(size):
         DASHCAM.scaled((640, 480))
 
 
-@pytest.mark.parametrize(("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")])
+@pytest.mark.parametrize(("hfov_deg", "lens"), [(94.0, None), (96.0, None), (120.0, "pinhole"), (30, "equidistant")])
 def test_the_field_of_view_is_the_one_asked_for(hfov_deg, lens):
+    """Above 95 degrees without a word the lens is equidistant."""
     camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
-    assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
+    assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 95) and not camera.calibrated
     assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
     left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
     assert right - left == pytest.approx(hfov_deg)

@@ -80,6 +80,7 @@ def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
         ("", "ZSTD", {}),
         ("ros1", "NONE", {"use_chunking": False}),
         ("x-my-robot", "LZ4", {"use_statistics": False, "chunk_size": 99}),
+        ("", "ZSTD", {"repeat_channels": False, "repeat_schemas": False}),
     ],
 )
 def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(
@@ -95,22 +96,30 @@ def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(
     assert shades(path, start_s=0.25) == [60, 80, 100]
 
 
-def foxglove_in_ros() -> tuple:
+def foxglove_in_ros(kind: str, fields: dict[str, str], rows: list[tuple]) -> tuple:
     """A topic of `foxglove_msgs`, which rosbags does not know, in CDR."""
-    store, name = get_typestore(Stores.ROS2_HUMBLE), "foxglove_msgs/msg/RawImage"
-    fields = "uint32 width\nuint32 height\nstring encoding\nuint32 step\nuint8[] data\n"
-    store.register(get_types_from_msg(f"builtin_interfaces/Time timestamp\nstring frame_id\n{fields}", name))
+    store, name = get_typestore(Stores.ROS2_HUMBLE), f"foxglove_msgs/msg/{kind}"
+    definition = "".join(f"{type_} {field}\n" for field, type_ in fields.items())
+    store.register(get_types_from_msg(f"builtin_interfaces/Time timestamp\nstring frame_id\n{definition}", name))
     messages = []
-    for image, stamp in zip(TINY, STAMPS, strict=True):
+    for stamp, row in zip(STAMPS, rows, strict=False):
         time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-        made = store.types[name](time, "camera", 12, 8, "rgb8", 36, image.ravel())
+        made = store.types[name](time, "camera", *row)
         messages.append((stamp + 30_000_000, bytes(store.serialize_cdr(made, name))))
     return name, "ros2msg", "cdr", messages
 
 
+RAW_IMAGE = {"width": "uint32", "height": "uint32", "encoding": "string", "step": "uint32", "data": "uint8[]"}
+CALIBRATION = {"width": "uint32", "height": "uint32", "distortion_model": "string"}
+CALIBRATION |= {"D": "float64[]", "K": "float64[9]", "R": "float64[9]", "P": "float64[12]"}
+
+
 @pytest.mark.parametrize("kind", ["CompressedImage protobuf", "RawImage json", "in ROS"])
 def test_images_of_foxglove_are_read(tmp_path, recorders, kind):
-    topic = foxglove_in_ros() if kind == "in ROS" else foxglove_topic(recorders, *f"foxglove.{kind}".split())
+    if kind == "in ROS":
+        topic = foxglove_in_ros("RawImage", RAW_IMAGE, [(12, 8, "rgb8", 36, image.ravel()) for image in TINY])
+    else:
+        topic = foxglove_topic(recorders, *f"foxglove.{kind}".split())
     path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
     assert shades(path) == pytest.approx(SHADES, abs=1)
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TINY_TIMES_S)
@@ -146,13 +155,18 @@ def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, code
     assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
 
 
-def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders):
-    name = "foxglove.CameraCalibration"
-    k, d = SMALL.matrix.ravel().tolist(), SMALL.distortion.tolist()
-    fields = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": d, "K": k, "P": []}
-    info = recorders.serialize(name, "protobuf", STAMPS[0], fields)
+@pytest.mark.parametrize("in_ros", [False, True])
+def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders, in_ros):
+    name, k, d = "foxglove.CameraCalibration", SMALL.matrix.ravel(), SMALL.distortion
+    if in_ros:
+        row = (640, 360, "plumb_bob", d, k, np.eye(3).ravel(), np.zeros(12))
+        info = foxglove_in_ros("CameraCalibration", CALIBRATION, [row])
+    else:
+        fields = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": d.tolist(), "K": k.tolist()}
+        data = recorders.serialize(name, "protobuf", STAMPS[0], fields | {"P": []})
+        info = name, "protobuf", "protobuf", [(STAMPS[0], data)]
     topics = {"/front/image": foxglove_topic(recorders, "foxglove.CompressedImage", "protobuf")}
-    topics["/front/camera_info"] = (name, "protobuf", "protobuf", [(STAMPS[0], info)])
+    topics["/front/camera_info"] = info
     camera = read_log_camera(recorders.write_mcap(tmp_path / "drive.mcap", topics))
     np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
     np.testing.assert_array_equal(camera.distortion, SMALL.distortion)

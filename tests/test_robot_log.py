@@ -241,8 +241,7 @@ def test_all_commands_take_the_topic_and_a_part(tmp_path, images, run, monkeypat
     topics = {"/front": stamp_images(images, stamps, ".png"), "/up": stamp_images(sky, stamps, ".png")}
     path = write_messages(tmp_path / "drive.mcap", topics)
     save_camera(SMALL, tmp_path / "camera.yaml")
-    common = "--camera", tmp_path / "camera.yaml", path, "-o"
-    status, _, err = run("annotate", *common, tmp_path / "none")
+    status, _, err = run("annotate", path, "-o", tmp_path / "none")
     assert status == 2 and "choose one of them with --topic" in err and not (tmp_path / "none").exists()
     server = pytest.importorskip("lanes.label.server", reason="tornado is not installed")
 
@@ -252,8 +251,11 @@ def test_all_commands_take_the_topic_and_a_part(tmp_path, images, run, monkeypat
     outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "explained.png", "label": "labels"}
     for command, output in outputs.items():
         more = ["--stills", 2, "--no-browser"] if command == "label" else []
+        # a camera without a pose: it is that of the images on the topic
+        more += ["--hfov", SMALL.hfov_deg] if command == "explain" else ["--camera", tmp_path / "camera.yaml"]
         part = "--topic", "/front", "--start", 0.2, "--end", 0.4
-        assert run(command, *common, tmp_path / output, *more, *part)[0] == 0
+        status, out, _ = run(command, *more, path, "-o", tmp_path / output, *part)
+        assert status == 0 and (command != "explain" or "5 of 5 used" in out)
     table = read_telemetry(tmp_path / "out" / "drive.csv")
     assert table["frame"].tolist() == [5, 6, 7, 8, 9] and (table["state"] == "tracking").any()
     assert names(tmp_path / "out") == {f"drive{suffix}" for suffix in (".csv", ".html", ".lane.mcap", ".mp4")}
