@@ -16,7 +16,7 @@ from tests.support.painted_roads import paint_motorway
 from tests.support.static_objects import draw_guide_lines
 
 TRUE_POSE = CameraPose(1.35, np.radians(2.5), np.radians(-1.8), np.radians(0.9))
-CAMERA = Camera.from_fov((960, 540), 62, TRUE_POSE)
+CAMERA = Camera.from_fov((1280, 720), 62, TRUE_POSE)
 # Off the lane's middle and heading both ways; the headings average to zero as they do over a drive.
 OFFSETS_M = (-0.4, 0.1, 0.35, -0.2, 0.5, 0.0)
 HEADINGS_RAD = np.radians((0.4, -0.7, 0.2, 0.6, -0.1, -0.4))
@@ -181,7 +181,7 @@ class TestSources:
 @pytest.mark.slow
 @pytest.mark.parametrize("lines", [(), None], ids=["unmarked", "black"])
 def test_images_without_lanes(lines):
-    image = np.zeros((540, 960, 3), np.uint8) if lines is None else paint_motorway(CAMERA, lines=lines)
+    image = np.zeros((720, 1280, 3), np.uint8) if lines is None else paint_motorway(CAMERA, lines=lines)
     estimate = estimate_pose([image] * 3, CAMERA)
     assert estimate.lane_width_m is None and estimate.height_std_m > 0.2
     assert estimate.notes[0].startswith("only 0 of 3 pictures show a likely lane")
@@ -201,7 +201,7 @@ REFUSED = {
     "no picture was given": (PoseError, [], {}),
     "picture 2: is 640x360": (
         PictureError,
-        [np.zeros((540, 960, 3), np.uint8), np.zeros((360, 640, 3), np.uint8)],
+        [np.zeros((720, 1280, 3), np.uint8), np.zeros((360, 640, 3), np.uint8)],
         {},
     ),
     "lane 12 m wide": (PoseError, [], {"lane_width_m": 12}),

@@ -57,6 +57,7 @@ ACCURACIES = {
     "slanted, within 25 px": (lane(slanted(0.75)), lane(slanted(0.75) + 24.99), 1280, 1),
     "slanted, by 25 px": (lane(slanted(-0.75)), lane(slanted(-0.75) + 25.01), 1280, 0),
     "flat, within 52 px": (lane(slanted(2.4)), lane(slanted(2.4) + 51.99), 1280, 1),
+    "by the direction of the label": (lane(slanted(0)), lane(slanted(0.75)), 1280, 0.15),
     "missing points are wrong": (lane(upright()), lane(without(np.s_[:5])), 1280, 0.75),
     "rows without label do not count": (lane(without(np.s_[:16])), lane(upright()), 1280, 1),
     "three points are too few": (lane(without(np.s_[:17])), lane(upright()), 1280, np.nan),
