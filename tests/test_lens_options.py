@@ -31,7 +31,7 @@ def curvature_ratio(drive: PaintedDrive, folder: Path) -> float:
 @pytest.mark.slow
 def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run):
     drive = replace(BENDS, camera=Camera.from_fov((960, 540), 110, POSE, lens="equidistant"))
-    write_drive(tmp_path / "drive.mp4", drive, FRAMES)
+    write_drive(tmp_path / "drive.mp4", drive, 12)
     common = "annotate", "--hfov", 110, "--height", 1.3, "--no-report", tmp_path / "drive.mp4", "-o"
     status, out, err = run(*common, tmp_path / "out")
     assert status == 0 and "warning: field of view 110.0 deg, as given, equidistant lens" in err
