@@ -196,7 +196,9 @@ def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
     np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-6)
     assert lost[-9:].all() and "70 frames, confidence 0.9 or more in" in result.description
     assert f"lost for {lost.sum() / 25:.1f} s" in result.description
-    assert "from 0.6 s to 3.4 s" in (tmp_path / "out" / "drive.html").read_text()
+    page = (tmp_path / "out" / "drive.html").read_text()
+    assert "from 0.6 s to 3.4 s" in page
+    assert re.search(r"lanes explain --camera camera\.yaml --start 0\.6 --end 3\.4 \S*drive\.mp4 --at ", page)
 
 
 @pytest.mark.parametrize("command", ["annotate", "detect"])
