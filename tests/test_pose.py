@@ -85,6 +85,7 @@ class TestDrive:
         assert estimate.state == ESTIMATED or name in ("cart", "bent lens")
         assert estimate.frames_used == estimate.frames_total == len(curvatures_per_m) and estimate.still is None
         assert np.array_equal(estimate.camera.matrix, camera.matrix)
+        assert estimate.height_std_m > 0.027 * estimate.pose.height_m  # lanes are 3.66 ± 0.10 m wide
 
     def test_what_never_moves_does_not_bias_the_pose(self):
         states = np.random.default_rng(0).normal(0, (0.3, 0.007), (10, 2))
