@@ -172,6 +172,14 @@ def test_measures_need_both_lines_except_the_curvature():
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)
 
 
+def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
+    """A metre: outside the band around the line so far, and more than the gate accepts."""
+    follow = finder("hls_sobel")
+    _, missed, seen = (follow.follow(picture(LaneRoad(0.0, offset_m))) for offset_m in (0.5, -0.5, -0.5))
+    assert missed.left_found.fit is None and seen.left_found.fit is not None
+    assert (missed.state, seen.state) == ("kept", "kept")
+
+
 def test_recipes_sizes_and_cameras_that_do_not_fit_are_named():
     with pytest.raises(ValueError, match="no recipe 'hls'; the recipes are hls_sobel, equalized_hsv, best_channel"):
         get_recipe("hls")
