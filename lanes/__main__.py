@@ -229,7 +229,8 @@ class Detect:
         for video in sources.videos:
             frames = list(detect_in_video(video, settings, options.rows))
             found += frames
-            missing += count_missing(np.diff([-1, *(frame["frame"] for frame in frames)]) - 1)
+            before = [] if settings.start_s else [-1]
+            missing += count_missing(np.diff([*before, *(frame["frame"] for frame in frames)]) - 1)
         if options.sequence and sources.stills:
             found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
         elif sources.stills:

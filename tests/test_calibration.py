@@ -88,19 +88,6 @@ def test_two_runs_give_the_same_numbers_and_restore_the_threads(boards):
     assert first.distortion.tobytes() == second.distortion.tobytes()
 
 
-def test_one_view_three_times_is_one_view():
-    same = {f"{n}.jpg": true_board(6, noise_px=0.05 + 0.01 * n) for n in range(4)}
-    with pytest.raises(CameraError, match=r"1 different view\(s\)"):
-        calibrate_boards(same)
-
-
-def test_views_without_tilt_do_not_determine_the_focal_length():
-    grid = true_board(6).object_points[:, :2]
-    flat = {f"{n}.jpg": Board(grid * 30 + np.float32([100 + 300 * n, 200]), 9, 6, SIZE) for n in range(4)}
-    with pytest.raises(CameraError, match="tilted"):
-        calibrate_boards(flat)
-
-
 def detected(boards: dict[str, Board], **unused: str) -> BoardDetections:
     tiles = {name: np.full((225, 400, 3), 128, np.uint8) for name in [*boards, *unused]}
     return BoardDetections(tiles, (9, 6), boards, unused)
@@ -145,7 +132,7 @@ def wide_boards(fov_deg: float) -> tuple[Camera, dict[str, Board]]:
     return camera, boards
 
 
-@pytest.mark.parametrize("fov_deg", [60, 100, 140, 175])
+@pytest.mark.parametrize("fov_deg", [60, 100, 140])
 def test_wide_lenses_get_the_model_that_fits(fov_deg):
     true, boards = wide_boards(fov_deg)
     camera = calibrate_boards(boards)
@@ -169,7 +156,7 @@ def test_doubtful_boards_are_used_if_a_fisheye_lens_explains_them():
 
 
 def test_an_uncertain_focal_length_is_written_as_such(tmp_path):
-    """Three boards, of which two are hardly tilted; with three times the noise they are refused."""
+    """Three boards, of which two are hardly tilted."""
     boards = {f"{n}.jpg": true_board(n, noise_px=0.25) for n in (1, 6, 17)}
     camera = calibrate_boards(boards)
     share = load_camera(save_camera(camera, tmp_path / "camera.yaml")).report.focal_std_share
@@ -178,32 +165,45 @@ def test_an_uncertain_focal_length_is_written_as_such(tmp_path):
     assert f"warning: the focal length is uncertain by {share:.1%}" in text
     sure = calibrate_boards({name: true_board(int(name[:-4])) for name in boards})
     assert "warning" not in describe_calibration(detected(boards), sure)
-    with pytest.raises(CameraError, match=r"do not determine the focal length \(\d+ \+- \d+ px\)"):
-        calibrate_boards({f"{n}.jpg": true_board(n, noise_px=0.8) for n in (1, 6, 17)})
 
 
-def test_boards_that_fit_no_lens_are_refused():
-    """Crumpled paper, for instance: each board bends in another way."""
-    noise = np.random.default_rng(0)
-    boards = {
-        name: replace(board, corners_px=(board.corners_px + noise.normal(0, 4, (54, 2))).astype(np.float32))
-        for name, board in wide_boards(100)[1].items()
-    }
-    with pytest.raises(CameraError, match=r"neither a normal nor a fisheye lens \(error \d\.\d\d px, at most 3\.2\)"):
-        calibrate_boards(boards)
+def crumpled() -> dict[str, Board]:
+    """Each board bends in another way."""
+    noise, boards = np.random.default_rng(0), wide_boards(100)[1].items()
+    bent = {name: board.corners_px + noise.normal(0, 4, (54, 2)) for name, board in boards}
+    return {name: Board(corners.astype(np.float32), 9, 6, SIZE) for name, corners in bent.items()}
+
+
+def without_tilt() -> dict[str, Board]:
+    grid = true_board(6).object_points[:, :2]
+    return {f"{n}.jpg": Board(grid * 30 + np.float32([100 + 300 * n, 200]), 9, 6, SIZE) for n in range(4)}
+
+
+REFUSED = {
+    r"1 different view\(s\)": lambda: {f"{n}.jpg": true_board(6, noise_px=0.05 + 0.01 * n) for n in range(4)},
+    "tilted": without_tilt,
+    r"neither a normal nor a fisheye lens \(error \d\.\d\d px, at most 3\.2\)": crumpled,
+    r"do not determine the focal length \(\d+ \+- \d+ px\)": lambda: {
+        f"{n}.jpg": true_board(n, noise_px=0.8) for n in (1, 6, 17)
+    },
+}
+
+
+@pytest.mark.parametrize("words", REFUSED)
+def test_boards_that_determine_no_lens_are_refused(words):
+    with pytest.raises(CameraError, match=words):
+        calibrate_boards(REFUSED[words]())
 
 
 @pytest.mark.slow
 def test_a_video_of_a_board_is_used(tmp_path):
     """Its frames that differ most; a phone films it turned."""
-    path = tmp_path / "upright.mp4"
+    path, shown = tmp_path / "upright.mp4", np.repeat([2, 9, 12, 13, 6], [3, 1, 3, 1, 2]).tolist()
     with VideoWriter(path, fps=25) as writer:
-        for number in (2, 3, 6, 9, 12, 13, 17, 19):
-            board = read_image(PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg")
-            for _ in range(3):
-                writer.write(board)
+        for number in shown:
+            writer.write(read_image(PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg"))
     set_rotation(path, tmp_path / "turned.mp4", 90)
     camera = calibrate(tmp_path / "turned.mp4")
     assert_is_the_dashcam(camera)
     times_s = [float(re.fullmatch(r"turned\.mp4 at (.*) s", name)[1]) for name in camera.report.board_rms_px]
-    assert [int(time_s / 0.12 + 0.01) for time_s in times_s] == list(range(8))
+    assert [shown[round(25 * time_s)] for time_s in times_s] == [2, 9, 12, 13, 6]

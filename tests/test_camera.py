@@ -16,7 +16,6 @@ from lanes.camera import CalibrationReport, Camera, CameraPose, camera_to_dict, 
 from lanes.errors import CameraError
 from lanes.images import read_image
 from simulator.scenes.dashcam import DASHCAM
-from tests.support.examples import examples
 
 FOCAL_PX = 640 / np.tan(np.radians(30))
 poses = st.builds(CameraPose, st.floats(0.8, 3), st.floats(-0.1, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))
@@ -46,43 +45,10 @@ def test_road_to_pixels_and_back(pose, x_m, y_m):
     np.testing.assert_allclose(camera.pixels_to_road(pixel)[0], (x_m, y_m), rtol=1e-4, atol=1e-4)
 
 
-def test_pixels_are_those_of_opencv_to_the_last_bit():
-    points = np.random.default_rng(0).uniform([4, -3, -0.5], [60, 3, 2], (200, 3))
-    pose = DASHCAM.require_pose()
-    seen = (points - [0, 0, pose.height_m]) @ pose.rotation.T
-    expected, _ = cv2.projectPoints(seen, np.zeros(3), np.zeros(3), DASHCAM.matrix, DASHCAM.distortion)
-    np.testing.assert_array_equal(DASHCAM.road_to_pixels(points), expected.reshape(-1, 2))
-
-
 def test_sky_and_points_behind_the_camera_give_nan():
     assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
     pixels = DASHCAM.road_to_pixels(np.array([[-5.0, 0.0], [20.0, 0.0], [0.0, 0.0]]))
     assert np.isnan(pixels[[0, 2]]).all() and np.isfinite(pixels[1]).all()
-
-
-@st.composite
-def lenses(draw: st.DrawFn) -> Camera:
-    """Lens whose distortion is monotonic up to the corners of the image."""
-    width = draw(st.integers(100, 4000))
-    height = round(width * draw(st.floats(0.4, 1.0)))
-    focal_px = width / 2 / np.tan(np.radians(draw(st.floats(30, 100))) / 2)
-    k1, k2, k3 = draw(st.floats(-0.35, 0.2)), draw(st.floats(-0.1, 0.15)), draw(st.floats(-0.02, 0.02))
-    p1, p2 = draw(st.floats(-0.002, 0.002)), draw(st.floats(-0.002, 0.002))
-    middle = [size / 2 + draw(st.floats(-0.02, 0.02)) * width for size in (width, height)]
-    matrix = np.array([[focal_px, 0, middle[0]], [0, focal_px * draw(st.floats(0.98, 1.02)), middle[1]], [0, 0, 1]])
-    camera = Camera(width, height, matrix, np.array([k1, k2, p1, p2, k3]))
-    # the undistorted corners must be inside the monotonic range of the distortion
-    r = np.linspace(0, 0.9 * min(camera.largest_ray, 5.0), 500)
-    assume((r * (1 + k1 * r**2 + k2 * r**4 + k3 * r**6)).max() > 1.1 * np.hypot(width, height) / 2 / focal_px)
-    return camera
-
-
-@examples(60)
-@given(lenses(), st.integers(0, 2**32 - 1))
-def test_undistorting_and_distorting_points_is_the_identity(camera, seed):
-    pixels = np.random.default_rng(seed).uniform(0, 1, (40, 2)) * camera.size
-    pixels = np.vstack([pixels, [[0, 0], [camera.width - 1, 0], [0, camera.height - 1]]])
-    np.testing.assert_allclose(camera.distort_points(camera.undistort_points(pixels)), pixels, atol=1e-6)
 
 
 @pytest.mark.parametrize("least", [0.0, 5e-324, -1e-310])
@@ -94,25 +60,6 @@ def test_rays_beyond_the_monotonic_range_give_nan(least):
     assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
 
 
-def test_undistort_makes_a_bent_line_straight():
-    """A straight line of the world at v = 80 of the ideal image, painted where the lens shows it."""
-    ideal = np.column_stack([np.arange(-100, 1400, 0.25), np.full(6000, 80.0)])
-    seen = np.round(DASHCAM.distort_points(ideal)).astype(int)
-    inside = ((seen >= [0, 2]) & (seen < [1280, 718])).all(axis=1)
-    image = np.zeros((720, 1280, 3), np.uint8)
-    for dv in (-2, -1, 0, 1, 2):
-        image[seen[inside, 1] + dv, seen[inside, 0]] = 255
-
-    def centre(image: np.ndarray) -> np.ndarray:
-        weight = image[:, 100:1180, 0].astype(float)
-        return (weight * np.arange(720)[:, None]).sum(axis=0) / weight.sum(axis=0)
-
-    assert np.ptp(centre(image)) > 20
-    straight = undistort(image, DASHCAM)
-    assert straight.shape == image.shape and straight.dtype == np.uint8
-    np.testing.assert_allclose(centre(straight), 80, atol=0.6)
-
-
 @pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
 def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(size):
     """An image begins at -0.5: pixel centres are at integers."""
@@ -121,49 +68,39 @@ def test_scaled_camera_has_the_same_ray_at_the_same_share_of_the_image(size):
     scaled = DASHCAM.scaled(size)
     np.testing.assert_allclose(scaled.rays(shares * size - 0.5), DASHCAM.rays(pixels), atol=1e-9)
     assert scaled.size == size and scaled.pose == DASHCAM.pose
-
-
-def test_another_aspect_ratio_cannot_be_rescaled():
     with pytest.raises(CameraError, match="640x480 image has another aspect ratio than the calibrated 1280x720"):
         DASHCAM.scaled((640, 480))
 
 
-@pytest.mark.parametrize(("hfov_deg", "lens"), [(57.5, None), (120.0, None), (120.0, "pinhole"), (30, "equidistant")])
+@pytest.mark.parametrize(("hfov_deg", "lens"), [(94.0, None), (96.0, None), (120.0, "pinhole"), (30, "equidistant")])
 def test_the_field_of_view_is_the_one_asked_for(hfov_deg, lens):
+    """Above 95 degrees without a word the lens is equidistant."""
     camera = Camera.from_fov((1920, 1080), hfov_deg, lens=lens)
-    assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 100) and not camera.calibrated
+    assert camera.is_fisheye == (lens == "equidistant" if lens else hfov_deg > 95) and not camera.calibrated
     assert camera.hfov_deg == pytest.approx(hfov_deg) and camera.largest_ray == np.inf
     left, right = np.degrees(np.arctan(camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))[:, 0]))
     assert right - left == pytest.approx(hfov_deg)
-
-
-@given(lenses(), poses)
-@examples(20)
-def test_what_is_written_is_read_back_to_the_last_bit(tmp_path_factory, lens, pose):
-    path = tmp_path_factory.mktemp("camera") / "new" / "camera.yaml"
-    loaded = load_camera(save_camera(lens.with_pose(pose), path))
-    assert loaded.size == lens.size and loaded.pose == pose and loaded.report is None
-    np.testing.assert_array_equal(loaded.matrix, lens.matrix)
-    np.testing.assert_array_equal(loaded.distortion, lens.distortion)
 
 
 @pytest.mark.parametrize(
     "distortion",
     [
         [0.1, 0.02, 0.003, 0.004, 0.005],
+        [-0.35, 0.15, 0.002, -0.002, -0.02],  # a strong barrel
         [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02],
         [0.02, -0.01, 0.003, -0.001],
     ],
 )
-def test_each_lens_model_is_that_of_opencv(tmp_path, distortion):
-    camera = replace(DASHCAM, distortion=distortion)
+def test_each_lens_model_is_that_of_opencv_and_stays_in_the_file(tmp_path, distortion):
+    matrix = np.array([[3400 / 3, 0, 1280 / 1.99], [0, 3420 / 3.01, 370 / 1.01], [0, 0, 1]])
+    camera = replace(DASHCAM, matrix=matrix, distortion=distortion)
     rays = np.random.default_rng(0).uniform((-0.6, -0.4, 1), (0.6, 0.4, 1), (50, 3))
     project = cv2.fisheye.projectPoints if len(distortion) == 4 else cv2.projectPoints
     expected, _ = project(rays[None], np.zeros(3), np.zeros(3), camera.matrix, camera.distortion)
     pixels = camera.distort_points(rays[:, :2] @ camera.matrix[:2, :2].T + camera.matrix[:2, 2])
     np.testing.assert_allclose(pixels, expected.reshape(-1, 2), atol=1e-6)
     np.testing.assert_allclose(camera.rays(pixels), rays, atol=1e-6)
-    np.testing.assert_array_equal(load_camera(save_camera(camera, tmp_path / "a.yaml")).distortion, distortion)
+    assert load_camera(save_camera(camera, tmp_path / "new" / "camera.yaml")) == camera  # to the last bit
 
 
 @pytest.mark.parametrize(

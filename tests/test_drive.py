@@ -82,7 +82,7 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
     lines = [BENDS.truth(t).line_y(side, np.zeros(1))[0] for t in found["time_s"][late] for side in (0, 1)]
     measured = np.column_stack([found["left_c0_m"], found["right_c0_m"]])[late].ravel()
     np.testing.assert_allclose(measured, lines, atol=0.06)
-    assert (found["latency_ms"] > 0).all()
+    assert (found["latency_ms"] > 1).all() and found["latency_ms"].max() < 10_000
     pose = SMALL.require_pose()
     assert found["pose_pitch_rad"][late] == pytest.approx(pose.pitch_rad), "the pose that was used"
 
@@ -109,9 +109,12 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
     monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
-    (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None))
-    assert f"on with another pose: {SMALL.pose.describe()}" in result.description
-    assert SMALL.pose.pitch_rad in result.telemetry["pose_pitch_rad"]
+    (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
+    (begin,) = re.findall(
+        rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}", result.description
+    )
+    table = result.telemetry
+    assert float(begin) == pytest.approx(table["time_s"][table["pose_pitch_rad"] == SMALL.pose.pitch_rad][0], abs=0.051)
 
 
 @pytest.mark.parametrize(("orientation", "degrees"), [(3, 180), (6, 90)])
@@ -155,11 +158,11 @@ def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
     swaying = replace(BENDS, motion=replace(BENDS.motion, wander_m=0.25, pitch_rad=0.003))
     drives, video = (swaying, pitched(swaying, 2)), tmp_path / "drive.mp4"
     with VideoWriter(video, fps=5) as writer:
-        for number in range(24):
-            writer.write(drives[number // 12].frame(number % 12 / 5), number / 5)
-    for part, drive in zip(({"end_s": 2.4}, {"start_s": 2.4}), drives, strict=True):
+        for number in range(16):
+            writer.write(drives[number // 8].frame(number % 8 / 5), number / 5)
+    for part, drive in zip(({"end_s": 1.6}, {"start_s": 1.6}), drives, strict=True):
         (result,) = quietly(video, tmp_path / "out", SMALL.with_pose(None), report=False, **part)
-        assert (len(result.telemetry["frame"]), result.pose.frames_total) == (12, 12)
+        assert (len(result.telemetry["frame"]), result.pose.frames_total) == (8, 8)
         assert result.pose.pose.pitch_rad == pytest.approx(drive.camera.pose.pitch_rad, abs=np.radians(0.3))
         assert result.description.startswith("height")
 
@@ -193,7 +196,9 @@ def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
     np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-6)
     assert lost[-9:].all() and "70 frames, confidence 0.9 or more in" in result.description
     assert f"lost for {lost.sum() / 25:.1f} s" in result.description
-    assert "from 0.6 s to 3.4 s" in (tmp_path / "out" / "drive.html").read_text()
+    page = (tmp_path / "out" / "drive.html").read_text()
+    assert "from 0.6 s to 3.4 s" in page
+    assert re.search(r"lanes explain --camera camera\.yaml --start 0\.6 --end 3\.4 \S*drive\.mp4 --at ", page)
 
 
 @pytest.mark.parametrize("command", ["annotate", "detect"])
@@ -270,6 +275,7 @@ def test_unusable_stills_do_not_stop_the_others(tmp_path):
         str(error.value),
     )
     assert names(tmp_path / "out") == {"b2.jpg", "b10.jpg", "pictures.csv"}
+    assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["b2.jpg", "b10.jpg"]
     drawn = read_image(tmp_path / "out" / "b2.jpg")
     assert (np.abs(drawn.astype(int) - BENDS.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
     with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):

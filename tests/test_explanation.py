@@ -55,17 +55,13 @@ class TestGoodImage:
         assert good.failed is None
         assert [c.chosen for c in good.candidates] == [True] + [False] * (len(good.candidates) - 1)
 
-    def test_terms_add_up_to_the_confidence(self, good):
-        odds = float(re.search(r"log odds (\S+) =", good.describe())[1])
-        assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.lane.confidence, abs=0.003)
-
     def test_text_has_the_numbers(self, good):
         text = good.describe()
-        assert re.search(r"\noffset     0\.(39|4)", text)
-        for part in ("bend       bends left, R 3", "%, log odds +"):
-            assert part in text
-        assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text)
-        assert "failed" not in text and "-0.00" not in text
+        odds = float(re.search(r"%, log odds (\S+) =", text)[1])
+        assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.lane.confidence, abs=0.003)
+        assert re.search(r"\noffset     0\.(39|4)", text) and "bend       bends left, R 3" in text
+        assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text) and "failed" not in text
+        assert "-0.00" not in text
         assert repr(good).endswith("all steps passed)")
 
     def test_the_weakest_evidence_is_named(self, good):
@@ -172,11 +168,9 @@ class TestFailures:
 
 @pytest.mark.parametrize("name", ["no lines", "sky", "one line"])
 def test_a_pose_from_the_same_files_is_not_to_be_estimated_again(name):
-    make, step, _ = FAILURES[name]
-    image, camera = make()
+    image, camera = FAILURES[name][0]()
     given = explain(image, camera)
     estimated = explain(image, camera, detection=given.detection, pose_doubt="")
-    assert given.failed.name == estimated.failed.name == step
     assert given.failed.advice.endswith(RE_ESTIMATE_POSE) and estimated.failed.advice.endswith(OTHER_PICTURES)
 
 
@@ -203,7 +197,11 @@ class TestTrackedFrame:
         assert explanation.failed is None and not explanation.candidates and explanation.detection.search is None
         assert np.abs(explanation.prediction - lane.centres)[:2].max() < 0.1
         _, axes = show_explanation(explanation)
-        assert axes[5].get_title() == "6 Votes: no search in this frame"
+        titles = [axis.get_title() for axis in axes]
+        assert [title.split()[0] for title in titles] == list("123456789")
+        assert titles[5] == "6 Votes: no search in this frame"
+        assert all(any(step.summary in title for title in titles) for step in explanation.steps[2:5])
+        assert "\noffset     0.3" in axes[8].texts[0].get_text()
         assert "predicted" in [text.get_text() for text in axes[6].get_legend().get_texts()]
 
     def test_a_lane_that_is_not_seen_is_predicted(self):
@@ -222,15 +220,6 @@ class TestTrackedFrame:
 
 @pytest.mark.slow
 class TestFigure:
-    def test_nine_panels_have_the_numbers_of_the_steps(self, good):
-        figure, axes = show_explanation(good)
-        figure.canvas.draw()
-        titles = [axis.get_title() for axis in axes]
-        assert [title.split()[0] for title in titles] == list("123456789")
-        for step in good.steps[:1] + good.steps[2:7]:
-            assert any(step.summary in title for title in titles)
-        assert "\noffset     0.3" in axes[8].texts[0].get_text()
-
     @pytest.mark.parametrize("name", ["sky", "spots"])
     def test_failures_are_shown_in_red(self, name):
         explanation = explain(*FAILURES[name][0]())

@@ -100,15 +100,6 @@ def test_region_is_given_in_fractions_and_closing_fills_narrow_gaps():
     assert closed[10, 10:30].all() and not closed[10, 31:44].any()
 
 
-@pytest.mark.parametrize("thresholds", [A, B, C], ids=list(RECIPES))
-@pytest.mark.parametrize("size", [(1, 1), (2, 7), (64, 37)])
-def test_masks_are_binaries_of_the_pictures_size(thresholds, size):
-    masks = thresholds.masks(np.random.default_rng(0).integers(0, 256, (size[1], size[0], 3), np.uint8))
-    assert {"combined", *thresholds.candidates} <= set(masks)
-    assert {(binary.shape, binary.dtype.name) for binary in masks.values()} == {(size[::-1], "uint8")}
-    assert set(np.unique(np.concatenate([*masks.values()]))) <= {0, 255}
-
-
 def test_wide_kernels_scale_to_odd_sizes_that_exist():
     sizes = {}
     for factor in (0.5, 0.01, 9.0):

@@ -44,22 +44,13 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
     """A window that stays where the histogram put it (as one original's did in video) loses both lines."""
     binary = paint_view(SIZE, [slanted, bent], thickness_px=15)
     found = sliding_windows(binary, margin_px=60)
-    assert [len(windows) for windows in found.windows] == [9, 9]
+    for windows in found.windows:
+        assert windows[:, 1::2].tolist() == [[640 - 80 * k, 719 - 80 * k] for k in range(9)]
     for pixels, line in ((found.pixels[0], slanted), (found.pixels[1], bent)):
         assert np.abs(pixels[:, 0] - line(pixels[:, 1])).max() < 9
         assert len(pixels) > 0.97 * 15 * 720
     top = found.windows[0][-1]
     assert abs((top[0] + top[2]) / 2 - slanted(80)) < 40
-
-
-def test_windows_tile_the_height_and_catch_every_pixel():
-    binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
-    found = sliding_windows(binary, count=9, margin_px=80)
-    windows = found.windows[0]
-    assert [(top, bottom) for _, top, _, bottom in windows] == [(640 - 80 * i, 719 - 80 * i) for i in range(9)]
-    assert len(found.pixels[0]) == 9 * 15 * 80
-    assert (found.windows[1].shape, found.pixels[1].shape) == ((0, 4), (0, 2))
-    assert windows[1].tolist() == [220, 560, 380, 639]
 
 
 def test_few_pixels_do_not_move_a_window():

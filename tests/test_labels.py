@@ -111,7 +111,6 @@ def test_files_that_cannot_be_paired_are_refused(tmp_path):
     ("more", "words"),
     [
         ({"raw_file": 3}, "line 2 is not a label"),
-        ({"h_samples": [-3], "lanes": []}, "line 2 is not a label"),
         ({"lanes": {"0": [1]}}, "line 2 is not a label"),
         ({"sides": ["left", "right"]}, "line 2 is not a label"),
         ({"confidence": 1.5}, "line 2 is not a label"),

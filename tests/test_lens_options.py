@@ -31,7 +31,7 @@ def curvature_ratio(drive: PaintedDrive, folder: Path) -> float:
 @pytest.mark.slow
 def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run):
     drive = replace(BENDS, camera=Camera.from_fov((960, 540), 110, POSE, lens="equidistant"))
-    write_drive(tmp_path / "drive.mp4", drive, FRAMES)
+    write_drive(tmp_path / "drive.mp4", drive, 12)
     common = "annotate", "--hfov", 110, "--height", 1.3, "--no-report", tmp_path / "drive.mp4", "-o"
     status, out, err = run(*common, tmp_path / "out")
     assert status == 0 and "warning: field of view 110.0 deg, as given, equidistant lens" in err
@@ -131,9 +131,10 @@ def test_the_warnings_are_those_of_the_car(tmp_path):
 def test_the_offset_is_kept_in_the_camera_file(lorry, tmp_path, run):
     path = tmp_path / "camera.yaml"
     options = "--camera", lorry / "drive.yaml", "--camera-offset", -0.7, "--pictures", 3
-    assert run("pose", *options, lorry / "drive.mp4", "-o", path)[0] == 0
+    status, out, _ = run("pose", *options, "--car-width", 2.1, lorry / "drive.mp4", "-o", path)
+    assert status == 0 and "of 3 used" in out
     assert load_camera(path).offset_m == -0.7 and load_camera(path).pose is not None
-    assert load_camera(path).car_width_m == 1.8
+    assert load_camera(path).car_width_m == 2.1
     assert run("annotate", "--camera", path, "--no-report", lorry / "drive.mp4", "-o", tmp_path / "out")[0] == 0
     table, truth = read_telemetry(tmp_path / "out" / "drive.csv"), read_telemetry(lorry / "drive.csv")
     assert np.median(table["offset_m"] - truth["offset_m"]) == pytest.approx(0.7, abs=0.1)

@@ -54,6 +54,7 @@ def test_the_line_is_smooth_between_dashes_and_bends_with_the_road(name, camera)
 def test_without_paint_the_points_decide_and_their_order_does_not():
     image, points = plain(), [[300.0, 200.0], [250.0, 250.0], [120.0, 350.0]]
     got, rows = fit_line(image, points), label_rows(360)
+    assert rows.tolist() == list(range(80, 360, 5)) and label_rows(720).tolist() == list(range(160, 720, 10))
     assert np.array_equal(got, fit_line(image, points[::-1]))
     for column, row in points:
         assert got[rows == row] == pytest.approx(column, abs=3)

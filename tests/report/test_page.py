@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -62,13 +63,8 @@ def test_shares_of_the_confidence_add_up():
     )
 
 
-def test_types_of_the_lines():
-    telemetry = story()
-    left, right = (line_types(telemetry, side).tolist() for side in ("left", "right"))
-    assert left == ["yellow double solid"] * 90 + ["unknown"] * 30 + ["yellow double solid"] * 80
-    assert right == ["unknown"] * 40 + ["dashed"] * 160
-    # Telemetry of other programs has no such columns.
-    assert set(line_types({"time_s": telemetry["time_s"]}, "left")) == {"unknown"}
+def test_telemetry_of_other_programs_has_no_types_of_lines():
+    assert set(line_types({"time_s": story()["time_s"]}, "left")) == {"unknown"}
 
 
 # --- the page
@@ -79,6 +75,21 @@ def report(folder: Path, telemetry: dict[str, np.ndarray], **options: object) ->
     (folder / "d.mp4").touch()
     options = {"title": "d", "video": folder / "d.mp4", "settings": {}} | options
     return write_report(folder / "d.html", telemetry=telemetry, **options).read_text()
+
+
+def test_the_data_of_the_page_are_those_of_the_table(tmp_path):
+    """Its times count from the first frame, those of the command on the clock of the video."""
+    page = report(tmp_path, story(), command="explain --at ", warnings=["tilted"])
+    data = json.loads(re.search(r'<script type="application/json" id="frames">(.*)</script>', page)[1])
+    assert (data["first_s"], data["time_s"][:2], data["command"]) == (100.0, [0.0, 0.05], "explain --at ")
+    assert data["frame"][0] == 2000 and data["offset_m"][90] is None and data["offset_m"][31] > 0.29
+    assert data["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
+    words = [words for number, words in data["offset"] if number <= 31][-1]
+    assert words == "0.30 ± 0.02 m left of centre" and data["departure"][20] == "left"
+    assert [data["level"].count(name) for name in ("sure", "likely", "none")] == [167, 3, 30]
+    assert "<li>tilted</li>" in page and re.search(r"200 frames, (9\.9|10\.0) s;.* lost for 1\.5 s in total", page)
+    assert re.search(r"Offset from -0\.\d\d to \+0\.30 m, median confidence 0\.90", page)
+    assert "the left line is yellow double solid, the right line dashed" in page
 
 
 def test_names_and_settings_are_escaped(tmp_path):

@@ -21,14 +21,6 @@ BEGIN_NS = 1_700_000_000_250_000_000
 TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
 TINY_TIMES_S = np.arange(6) / 10
 ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
-# OpenCV's conversions from RGB to encodings of raw images, and bytes per pixel.
-FROM_RGB = {
-    "rgb8": (None, 3),
-    "bgr8": (cv2.COLOR_RGB2BGR, 3),
-    "rgba8": (cv2.COLOR_RGB2RGBA, 4),
-    "bgra8": (cv2.COLOR_RGB2BGRA, 4),
-    "mono8": (cv2.COLOR_RGB2GRAY, 1),
-}
 
 
 def stamps_at(times_s: Sequence[float]) -> list[int]:
@@ -47,17 +39,14 @@ def make_header(stamp_ns: int, types: Any = ROS2.types) -> Any:
     return types["std_msgs/msg/Header"](**first, stamp=stamp, frame_id="camera")
 
 
-def make_image(image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: Any = ROS2.types, pad: int = 0) -> Any:
-    """A raw image message, with `pad` bytes behind each row; or a compressed one, if the encoding is a suffix."""
-    header = make_header(stamp_ns, types)
+def make_image(image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: Any = ROS2.types) -> Any:
+    """A raw image message, in rgb8 or bgr8; or a compressed one, if the encoding is a suffix."""
+    header, (height, width) = make_header(stamp_ns, types), image.shape[:2]
     if encoding.startswith("."):
         data = cv2.imencode(encoding, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].ravel()
         return types["sensor_msgs/msg/CompressedImage"](header, f"rgb8; {encoding[1:]} compressed bgr8", data)
-    code, channels = FROM_RGB.get(encoding, (None, 3))
-    height, width = image.shape[:2]
-    pixels = image if code is None else cv2.cvtColor(image, code)
-    data = np.pad(pixels.reshape(height, width * channels), ((0, 0), (0, pad)), constant_values=77).ravel()
-    return types["sensor_msgs/msg/Image"](header, height, width, encoding, 0, width * channels + pad, data)
+    pixels = image[..., ::-1] if encoding == "bgr8" else image
+    return types["sensor_msgs/msg/Image"](header, height, width, encoding, 0, 3 * width, pixels.ravel())
 
 
 def stamp_images(images: Sequence[np.ndarray], stamps: Sequence[int], *options: Any) -> list[tuple[int, Any]]:
@@ -115,18 +104,15 @@ def write_log(
     images: Sequence[np.ndarray],
     times_s: Sequence[float],
     *,
-    encoding: str = "rgb8",
-    topic: str = "/camera/image_raw",
     camera: Camera | None = None,
     delay_ns: int = 30_000_000,
-    pad: int = 0,
 ) -> Path:
     """Write a log of images with header stamps at `times_s`, recorded `delay_ns` later and irregularly."""
     types = (ROS1 if path.suffix == ".bag" else ROS2).types
     stamps = stamps_at(times_s)
     recorded = [stamp + delay_ns + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
-    made = (message for _, message in stamp_images(images, stamps, encoding, types, pad))
-    topics = {topic: list(zip(recorded, made, strict=True))}
+    made = (message for _, message in stamp_images(images, stamps, "rgb8", types))
+    topics = {"/camera/image_raw": list(zip(recorded, made, strict=True))}
     if camera:
-        topics[topic.rpartition("/")[0] + "/camera_info"] = [(recorded[0], make_camera_info(camera, stamps[0], types))]
+        topics["/camera/camera_info"] = [(recorded[0], make_camera_info(camera, stamps[0], types))]
     return write_messages(path, topics)

@@ -12,23 +12,23 @@ from lanes.errors import VideoError
 from lanes.images import MAX_PIXELS
 from lanes.video import reader
 from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
-from lanes.video.writer import VideoWriter, process_video
+from lanes.video.writer import process_video
 from tests.video.sample_videos import encode, make_video, number_of, numbered, unchanged
 
+PLAYLISTS = {
+    "dash": '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
+    "sdp": "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    "concat": "ffconcat version 1.0\nfile drive.mp4\n",
+    "hls": "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\ndrive.mp4\n#EXT-X-ENDLIST\n",
+}
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
-        "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
-    ],
-    ids=["dash", "sdp"],
-)
-def test_playlists_are_refused(video, tmp_path, text):
-    """Others: tests/support/bad_files.py."""
+
+@pytest.mark.parametrize("kind", PLAYLISTS)
+def test_playlists_are_refused(video, tmp_path, kind):
+    """Also if the video that they name is beside them."""
     (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
     path = tmp_path / "list.mp4"
-    path.write_text(text)
+    path.write_text(PLAYLISTS[kind])
     with pytest.raises(VideoError, match=r"list\.mp4: cannot be read as a video .*playlist"):
         open_video(path)
 
@@ -50,7 +50,7 @@ def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
     monkeypatch.setattr(reader, "MAX_PIXELS", 160 * 96 - 1)
     with pytest.raises(VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"):
         inspect_video(video)
-    assert MAX_PIXELS > 7680 * 4320
+    assert 7680 * 4320 < MAX_PIXELS <= 128_000_000  # as docs/robustness.md says
 
 
 @pytest.mark.parametrize("suffix", ["mp4", "mkv"])
@@ -97,16 +97,6 @@ def cut(path, share: float, target):
     return target
 
 
-def test_a_part_inside_a_hole_is_named(tmp_path):
-    """Nothing was recorded from second 1 to 3."""
-    with VideoWriter(tmp_path / "hole.mp4", fps=25) as writer:
-        for number in range(50):
-            writer.write(numbered(number), number / 25 + (2 if number >= 25 else 0))
-    with pytest.raises(VideoError, match=r"hole\.mp4: has no frame at or after 1\.5 s and before 2\.5 s; name another"):
-        next(read_video(tmp_path / "hole.mp4", start_s=1.5, end_s=2.5))
-    assert number_of(next(read_video(tmp_path / "hole.mp4", start_s=1.5))) == 25
-
-
 def test_a_change_of_size_is_reported_with_its_time(tmp_path):
     parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
     path = tmp_path / "both.ts"
@@ -115,15 +105,6 @@ def test_a_change_of_size_is_reported_with_its_time(tmp_path):
     with pytest.raises(VideoError, match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there"):
         process_video(path, tmp_path / "out.mp4", lambda f: seen.append(number_of(f)) or f, progress=False)
     assert seen == list(range(25))
-
-
-def test_times_continue_after_a_clock_reset(tmp_path):
-    part = make_video(tmp_path / "part.ts", 50).read_bytes()
-    path = tmp_path / "both.ts"
-    path.write_bytes(part + part)
-    times_s = [frame.time_s for frame in read_timed_frames(path)]
-    assert len(times_s) == 100
-    assert (np.diff(times_s) > 0).all() and times_s[-1] == pytest.approx(3.96, abs=0.1)
 
 
 @pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
