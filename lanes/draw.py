@@ -278,7 +278,7 @@ def _mosaic(
 
 
 def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]) -> np.ndarray:
-    """A picture of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
+    """An image of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
     height, width = main.shape[:2]
     split, third = 2 * width // 3, height // 3
     mosaic = np.full_like(main, canvas.PANEL_COLOUR)

@@ -1,4 +1,4 @@
-"""Whole drives and stills: camera pose, lane, annotated video or pictures, telemetry and report."""
+"""Whole drives and stills: camera pose, lane, annotated video or images, telemetry and report."""
 
 from __future__ import annotations
 
@@ -123,7 +123,7 @@ class DriveSettings:
 class Annotation(ByValue):
     """Result of annotating one video, or stills."""
 
-    # The files written: annotated video, telemetry and report, or annotated pictures and telemetry.
+    # The files written: annotated video, telemetry and report, or annotated images and telemetry.
     outputs: tuple[Path, ...]
     # The columns (rows,) of the telemetry by name, a row per frame or still, as `read_telemetry` returns them.
     telemetry: Telemetry
@@ -452,7 +452,7 @@ def output_path(video: Path, folder: Path) -> Path:
 
 
 def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotation:
-    """Find the lane in each still independently; write annotated pictures of the same names and `pictures.csv`.
+    """Find the lane in each still independently; write annotated images of the same names and `pictures.csv`.
 
     A still that cannot be used is skipped; see `Annotation.failures`. Errors are those of `annotate`.
     """

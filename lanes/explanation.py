@@ -1,6 +1,6 @@
 """Explanation of a lane detection: every step from the raw image to the lane in metres, with its numbers.
 
-    picture -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction -> fit -> lane
+    image -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction -> fit -> lane
 
 It reads what the detection or the tracker kept. If no lane was found, or a doubtful one, it names the step, the reason
 and what to do.

@@ -124,7 +124,7 @@ def pick_stills(video: Path, settings: DriveSettings, count: int) -> Iterator[Pa
 
 
 class Session:
-    """Labels of `stills` in `folder`; labels of other pictures stay. Raises LaneError if a file cannot be used."""
+    """Labels of `stills` in `folder`; labels of other images stay. Raises LaneError if a file cannot be used."""
 
     def __init__(self, folder: Path, stills: Sequence[Path]) -> None:
         self.stills = [path.resolve() for path in stills]
@@ -191,7 +191,7 @@ class Session:
 
 
 class _LabelFile:
-    """The labels in a file by the name of their picture; lines that other programs add or change stay."""
+    """The labels in a file by the name of their image; lines that other programs add or change stay."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -210,7 +210,7 @@ class _LabelFile:
 
 
 def _require_marks(points: Any, size: tuple[int, int]) -> list[np.ndarray]:
-    """The marks of both lines, (N, 2) each, if all are points in a picture of `size` (width, height)."""
+    """The marks of both lines, (N, 2) each, if all are points in an image of `size` (width, height)."""
     try:
         if len(points) != 2 or max(map(len, filter(None, points)), default=0) > 1000:  # nobody clicks as many
             raise ValueError
@@ -343,7 +343,7 @@ class Answer(RequestHandler):
         return int(number)
 
     def write_error(self, status_code: int, **more: Any) -> None:
-        """A sentence, which the page shows; 400 for marks or a picture that cannot be used."""
+        """A sentence, which the page shows; 400 for marks or an image that cannot be used."""
         error = more["exc_info"][1]
         self.set_header("Content-Type", "text/plain; charset=utf-8")
         if isinstance(error, LaneError | OSError):

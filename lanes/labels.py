@@ -1,6 +1,6 @@
-"""Lane lines in pictures as TuSimple JSON lines: detected here, labelled, or predicted by any program.
+"""Lane lines in images as TuSimple JSON lines: detected here, labelled, or predicted by any program.
 
-Each line of a file is a JSON object with `raw_file` (the picture; that of a label is relative to the file), `h_samples`
+Each line of a file is a JSON object with `raw_file` (the image; that of a label is relative to the file), `h_samples`
 (rows; without them a prediction is at the rows of its label) and `lanes` (columns at these rows, -2 without a point).
 Optional are `sides` (the name of each line, "left" and "right" for the ego lane), `confidence` (0 to 1) and `run_time`
 (milliseconds). Names are the same in all forms of Unicode: macOS decomposes letters with accents.
@@ -36,7 +36,7 @@ SAME_ROW_PX = 0.01
 
 @dataclass(frozen=True, eq=False)
 class LaneColumns:
-    """The lines in a picture, with columns (K, R) at rows (R,), pixels, -2 without a point; `sides` are their names.
+    """The lines in an image, with columns (K, R) at rows (R,), pixels, -2 without a point; `sides` are their names.
 
     `name` is `raw_file`, with / between its folders; `run_time_ms` is the time that a prediction took, 0 if not known.
     """
@@ -50,7 +50,7 @@ class LaneColumns:
 
     @property
     def empty(self) -> bool:
-        """Whether no line has a point: the label of a picture without a lane."""
+        """Whether no line has a point: the label of an image without a lane."""
         return not (self.columns >= 0).any()
 
     @property
@@ -73,7 +73,7 @@ class LaneColumns:
         return rows[(rows < low - SAME_ROW_PX) | (rows > high + SAME_ROW_PX)]
 
     def ego_lane(self, size: tuple[int, int]) -> LaneColumns:
-        """Its left and right line in a picture of `size` (width, height); a line that is missing has no points.
+        """Its left and right line in an image of `size` (width, height); a line that is missing has no points.
 
         Without names they are the nearest ones left and right of the bottom centre; two lines are always both of them.
         """
@@ -91,7 +91,7 @@ class LaneColumns:
 
 
 def _foot(rows: np.ndarray, line: np.ndarray, bottom: int) -> float:
-    """Column where the extended lower half of a line meets the bottom of the picture; NaN with fewer than 2 points."""
+    """Column where the extended lower half of a line meets the bottom of the image; NaN with fewer than 2 points."""
     labelled = np.flatnonzero(line >= 0)
     if len(labelled) < 2:
         return np.nan
@@ -100,7 +100,7 @@ def _foot(rows: np.ndarray, line: np.ndarray, bottom: int) -> float:
 
 
 def read_labels(path: str | Path) -> list[LaneColumns]:
-    """The labelled lines of each picture; ValueError if a line is not a label, or its picture lies elsewhere."""
+    """The labelled lines of each image; ValueError if a line is not a label, or its image lies elsewhere."""
     labels = _read(path, "label")
     for name in (label.name for label in labels):
         if PurePosixPath(name).is_absolute() or ".." in PurePosixPath(name).parts or "\0" in name:
@@ -110,10 +110,10 @@ def read_labels(path: str | Path) -> list[LaneColumns]:
 
 
 def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[LaneColumns | None]:
-    """The prediction for the picture of each label; None without one.
+    """The prediction for the image of each label; None without one.
 
-    The files may use different folders: paths are compared from their end, over as many parts as tell the pictures
-    apart. Raises ValueError if a line is not a prediction, if two labels or two predictions are for the same picture,
+    The files may use different folders: paths are compared from their end, over as many parts as tell the images
+    apart. Raises ValueError if a line is not a prediction, if two labels or two predictions are for the same image,
     or if no prediction is for a labelled one.
     """
     predictions = _read(path, "prediction", {normalize("NFC", label.name): label.rows for label in labels})
@@ -131,7 +131,7 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
 
 
 def find_picture(folder: Path, name: str) -> Path:
-    """The picture of a label in a folder, in the form of Unicode in which it is there; as named if it is not."""
+    """The image of a label in a folder, in the form of Unicode in which it is there; as named if it is not."""
     forms = [folder / name, folder / normalize("NFC", name), folder / normalize("NFD", name)]  # the last is of macOS
     return next((path for path in forms if path.is_file()), forms[0])
 
@@ -143,7 +143,7 @@ def _parts(name: str) -> tuple[str, ...]:
 def _read(path: str | Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None) -> list[LaneColumns]:
     """The lines in a file; predictions without `h_samples` are at the rows in `rows_of`, or left out."""
     found = []
-    # a hundred thousand pictures with six lines at 56 rows have fewer bytes
+    # a hundred thousand images with six lines at 56 rows have fewer bytes
     for number, entry in read_json_lines(path, kind, max_bytes=200_000_000):
         try:
             name = entry["raw_file"].replace("\\", "/")  # a file written on Windows has backslashes

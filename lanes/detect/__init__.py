@@ -1,1 +1,1 @@
-"""One picture: from the bird's-eye view to the lane."""
+"""One image: from the bird's-eye view to the lane."""

@@ -1,8 +1,8 @@
 """Confidence: the probability that a lane is correct.
 
 A lane is correct if both lines lie within 0.2 m of the true ones, as the root mean square over 5, 10, 15, 20 and 30 m
-ahead. Where the camera pose was estimated from the same picture, metres are uncertain; there a lane is correct if both
-lines are right in the picture. The probability is a logistic regression on a few features of the lane.
+ahead. Where the camera pose was estimated from the same image, metres are uncertain; there a lane is correct if both
+lines are right in the image. The probability is a logistic regression on a few features of the lane.
 `tools/fit_confidence.py` fits it on labelled real roads of many cameras, and on images without a road.
 """
 

@@ -202,7 +202,7 @@ class Departure:
     due: bool
 
     def describe(self) -> str | None:
-        """Words for the picture; None if no warning is due."""
+        """Words for the image; None if no warning is due."""
         if not self.due:
             return None
         crossing = "crossing" if self.time_to_crossing_s == 0 else f"{self.time_to_crossing_s:.1f} s to"

@@ -1,4 +1,4 @@
-"""What stays at the same place of the picture while the car drives: guide lines and captions that the camera draws,
+"""What stays at the same place of the image while the car drives: guide lines and captions that the camera draws,
 stripes on the bonnet, reflections in the windscreen.
 
 Markings of the road move: cars sway in their lane and pitch, so that even a solid line on a straight road seldom stays
@@ -15,7 +15,7 @@ import numpy as np
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.paint import Stripes
 
-# A place of the picture is static if it is occupied in this share of the samples, of which this number is needed.
+# A place of the image is static if it is occupied in this share of the samples, of which this number is needed.
 MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
 # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
 # stands, everything is static, and the sample is left out.
