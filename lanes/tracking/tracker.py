@@ -271,11 +271,13 @@ class LaneTracker:
         if self.find_pose is None or likely or not due:
             return
         still = self.find_pose(image)
-        if still and still.lane and still.confidence > max(confidence, LIKELY_CONFIDENCE):
+        # the confidence that the track would have: from now on the pose counts as known
+        lane = replace(still.lane, same_lane_share=None) if still and still.lane else None
+        if still and lane and lane.confidence > max(confidence, LIKELY_CONFIDENCE):
             self._use(still.camera)
             self._confidence_shift = 0.0
             self.evidence, self.search = still.evidence, still.search
-            self._start(still.lane)
+            self._start(lane)
         self._since_pose_s = 0.0
 
     @property

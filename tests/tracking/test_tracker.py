@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from lanes.detect.confidence import LIKELY_CONFIDENCE
-from lanes.detect.lane import Lane
+from lanes.detect.lane import FOUND, Lane
 from lanes.detect.road import SIDES
+from lanes.detect.search import StillDetection
 from lanes.errors import LaneError
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.not_roads import not_a_road
@@ -264,6 +265,17 @@ def test_a_jump_of_the_clock_does_not_stop_what_is_done_twice_a_second(elapsed_s
     for _ in range(32):  # two seconds
         tracker.update(black, elapsed_s=1 / 16)
     assert len(asked) - before == 4
+
+
+@pytest.mark.parametrize(("height_m", "taken"), [(SMALL.pose.height_m, True), (0.85, False)])
+def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m, taken):
+    """With a pose of the same image a width of 2.4 m is not odd, because the height is uncertain."""
+    other = LaneTracker(SMALL.with_pose(replace(SMALL.pose, height_m=height_m)), fps=FPS)
+    lane = replace(other.update(DRIVE.frame(0.0)), state=FOUND, same_lane_share=0.9)
+    assert lane.confidence > 0.9 and other.evidence
+    tracker = LaneTracker(SMALL, fps=FPS, find_pose=lambda image: StillDetection(other.evidence, None, lane))
+    found = tracker.update(np.full_like(DRIVE.frame(0.0), 90))
+    assert (found is not None) == taken and (tracker.camera == other.camera) == taken
 
 
 def test_a_wrong_yaw_of_the_pose_is_not_taken_for_a_car_that_hardly_moves():
