@@ -20,7 +20,7 @@ from lanes.camera import camera_to_dict
 from lanes.files import translate_write_errors, write_atomically
 from lanes.images import write_image
 from simulator.processes import run_all
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
 # 10 x 7 squares of this size leave margins of 15 and 19 mm on US Letter paper.

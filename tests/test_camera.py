@@ -15,7 +15,7 @@ from PIL import Image
 from lanes.camera import CalibrationReport, Camera, CameraPose, camera_to_dict, load_camera, save_camera, undistort
 from lanes.errors import CameraError
 from lanes.images import read_image
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 from tests.support.examples import examples
 
 FOCAL_PX = 640 / np.tan(np.radians(30))

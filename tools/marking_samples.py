@@ -29,8 +29,7 @@ from simulator.road.ground import Ground, cast_on_ground, pixel_rays
 from simulator.road.markings import Marking
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
-from simulator.scenes.suite import SUITE
-from simulator.scenes.variants import vary_drive
+from simulator.scenes.suite import SUITE, vary_drive
 
 # Pictures of one variant of a scene, which share its landscape: painting it takes longer than a picture. Numbers of the
 # variants: the benchmark's are smaller.

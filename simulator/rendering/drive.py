@@ -10,18 +10,15 @@ import numpy as np
 
 from lanes.camera import Camera
 from simulator.backdrop import BackdropStyle
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
-from simulator.light.sunlight import Shade, Sun
-from simulator.objects.overpass import Overpass
+from simulator.light.sunlight import Glare, Shade, Sun
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.walls import Overpass
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.markings import Marking, Symbol
 from simulator.road.surface import Surface
 from simulator.road.truth import Truth, lane_truth
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain, Wet
+from simulator.weather import Fog, Night, Rain, Wet
 
 Difficulty = Literal["clean", "medium", "hard", "no lane"]
 

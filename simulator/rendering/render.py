@@ -9,22 +9,29 @@ import numpy as np
 
 from lanes.camera import Camera
 from simulator.backdrop import aerial_perspective, paint_backdrop
-from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, RoadLight, develop
 from simulator.light.sunlight import (
     OVERCAST_LIGHT,
     SKY_SHARE,
     TreeShade,
+    add_glare,
+    add_sheen,
     light_along,
     light_on_ground,
     sky_on_ground,
     sun_along,
     sunlight_on_ground,
 )
-from simulator.objects.bonnet import paint_bonnet
-from simulator.objects.scene_objects import SceneObject, from_far_to_near, objects_in_view
-from simulator.objects.shadows import MAX_SHADOW_M, cast_shadows, shadow_polygons
-from simulator.objects.trees import Tree
+from simulator.objects.scene_objects import (
+    MAX_SHADOW_M,
+    SceneObject,
+    cast_shadows,
+    from_far_to_near,
+    objects_in_view,
+    shadow_polygons,
+)
+from simulator.objects.standing import Tree
+from simulator.objects.vehicles import paint_bonnet
 from simulator.painting.brush import Atmosphere, Canvas, split_channels
 from simulator.rendering.drive import Drive
 from simulator.road.ground import MAX_GROUND_M, Ground, cast_on_ground, pixel_rays
@@ -32,8 +39,13 @@ from simulator.road.markings import paint_markings
 from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import ground_albedo
 from simulator.road.truth import Truth
-from simulator.weather.night import add_lamps, visible_lamps
-from simulator.weather.rain import add_falling_drops, add_lamp_reflections, add_windscreen_drops
+from simulator.weather import (
+    add_falling_drops,
+    add_lamp_reflections,
+    add_lamps,
+    add_windscreen_drops,
+    visible_lamps,
+)
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade
-from simulator.objects.overpass import Overpass
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
@@ -285,6 +285,43 @@ def _two_lane() -> Drive:
     )
 
 
+def challenge_video() -> Drive:
+    """Nine seconds at 25 m/s: pale lanes, a dark strip at the yellow line, tar seams, a barrier, a bridge.
+
+    The joint between dark and pale pavement is in the middle of the lane for the whole drive. There is one seam before
+    the bridge and one after it.
+    """
+    bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12)
+    joint = joint_fields(
+        Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
+        Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
+        patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),),
+    )
+    return motorway_drive(
+        road=RoadGeometry(
+            [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
+            [-1 / 900, -1 / 620, -1 / 620, 0.0, 1 / 1600, 1 / 1200, 0.0, 0.0],
+        ),
+        objects=(
+            PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25),
+            motorway_drive().objects[1],
+            bridge,
+            car(26.0, -1, "black", "suv", speed_mps=26.5),
+            car(64.0, -2, "white", speed_mps=25.0),
+            car(-12.0, -1, "silver", speed_mps=29.0),
+            car(90.0, 0, "grey", speed_mps=26.5),
+            # No objects where the bridge is.
+            *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall | Overpass) or not 104 < t.s_m < 136),
+        ),
+        symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
+        shades=(bridge.shade(),),
+        exposure=AutoExposure(strength=0.6),
+        seed=171,
+        **joint | {"lens": replace(joint["lens"], exposure=1.75)},
+        **daylight(70, 56, cloud_cover=0.45, tree_density=0.7),
+    )
+
+
 SCENES = (
     SuiteScene("motorway", "clean", 10.0, "Bends both ways, tree shadows and light concrete by day.", project_video),
     SuiteScene("two-lane", "clean", 4.0, "A country road in bends of R 140 m, broken yellow on the left.", _two_lane),
@@ -297,4 +334,5 @@ SCENES = (
     SuiteScene("missing-paint", "hard", 5.0, "First the right line is missing, then the left one.", _missing_paint),
     SuiteScene("botts-dots", "hard", 4.0, "Four ceramic dots in each 12 m in place of paint.", _botts_dots),
     SuiteScene("construction", "hard", 4.0, "Old lines cross the new ones at a small angle.", _construction),
+    SuiteScene("challenge", "hard", 9.0, "Dark joint and seam in the lane, a bridge, pale concrete.", challenge_video),
 )  # fmt: skip

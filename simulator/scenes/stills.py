@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from simulator.light.sunlight import TreeShade
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
-from simulator.objects.standing import Post
-from simulator.objects.trees import Tree
+from simulator.objects.standing import Post, Tree
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import DUST, Patch, Seam, Zone

@@ -6,19 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
-from simulator.light.sunlight import TreeShade, WoodShade
-from simulator.objects.overpass import Overpass
+from simulator.light.sunlight import Glare, TreeShade, WoodShade
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
-from simulator.scenes.dashcam import DASHCAM
 from simulator.scenes.freeway import (
+    DASHCAM,
     LANE_WIDTH_M,
     Freeway,
     car,
@@ -27,9 +26,7 @@ from simulator.scenes.freeway import (
     oncoming_cars,
     plant_trees,
 )
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain, Wet
+from simulator.weather import Fog, Night, Rain, Wet
 
 OPPOSITE_EDGE_M = 17.0
 

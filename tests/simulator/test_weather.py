@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from simulator.light.lens import AutoExposure, RoadLight
-from simulator.objects.overpass import Overpass
-from simulator.objects.shadows import shadow_polygons
+from simulator.objects.scene_objects import shadow_polygons
 from simulator.objects.standing import Post
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import Freeway
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain
+from simulator.weather import Fog, Night, Rain
 from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
