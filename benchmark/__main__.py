@@ -70,8 +70,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
+    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives
     from benchmark.runner import run_benchmark
-    from benchmark.scored_drive import PROJECT_ROOT, choose_drives, list_drives
     from benchmark.speed import describe_speed
     from benchmark.systems import SYSTEMS
 
@@ -116,8 +116,7 @@ def _score_labelled(options: argparse.Namespace) -> None:
 
 
 def _report(results: list, folder: Path) -> None:
-    from benchmark import consistency
-    from benchmark.reporting import reliability, tables
+    from benchmark import consistency, tables
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
@@ -126,13 +125,13 @@ def _report(results: list, folder: Path) -> None:
     print(f"{tables.describe_scores(rows)}\n{tables.describe_run(rows)}")
     if stated:
         print(f"\n{consistency.consistency_table(stated)}\n{consistency.LEGEND}")
-        print(f"\n{reliability.describe_confidence(results)}")
+        print(f"\n{consistency.describe_confidence(results)}")
     if of_tracker := [result for result in results if result.system == TRACKER]:
         print(f"\nFailures of the tracker:\n{tables.describe_failures(of_tracker) or 'none'}")
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         write_telemetry(folder / "consistency.csv", stated) if stated else None,
-        reliability.save_reliability_figure(folder / "reliability.png", results),
+        consistency.save_reliability_figure(folder / "reliability.png", results),
     ]
     print(f"wrote {', '.join(str(path) for path in written if path)}")
 

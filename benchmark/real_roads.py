@@ -23,12 +23,13 @@ import numpy as np
 from benchmark.labelled_stills import ScoredLane, score_lane
 from lanes.camera import Camera, load_camera
 from lanes.console import bounded
+from lanes.describe import format_table, number_cells
 from lanes.drive import make_tracker, track_frames
 from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
-from lanes.score import StillScore, reliability
+from lanes.score import StillScore, reliability, summarize
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_frames
@@ -93,6 +94,14 @@ def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[Scor
     return _score_stills(roads, range(len(files)), used, settings)
 
 
+def score_sets(
+    sets: Sequence[RoadSet], way: str, settings: TrackerSettings | None = None, *, workers: int = 1
+) -> list[list[ScoredLane]]:
+    """`score_set` of each set."""
+    tasks = [(roads, way) for roads in sets]
+    return run_all(partial(score_set, settings=settings or TrackerSettings()), tasks, workers=workers)
+
+
 def _camera(size: tuple[int, int], file: Path) -> Camera:
     return Camera.from_fov(size, find_field_of_view([file]).across(size))
 
@@ -144,37 +153,28 @@ def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneCol
 
 
 def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]) -> str:
-    """A line for each set, then means over the sets of each half and of all."""
+    """A table with a row for each set, then for the sets of each half and for all."""
     known = [(roads, [one.score for one in found]) for roads, found in zip(sets, scored, strict=True) if found]
-    points = [float(np.nanmean(np.concatenate([s.values["ego accuracy"] for s in scores]))) for _, scores in known]
-    lines = []
-    for (roads, scores), share in zip(known, points, strict=True):
-        right = _right(scores)
-        lines.append(f"{roads.half} {roads.name:24s} {share:.3f} right {sum(right)} of {len(right)}")
-    for half in ("A", "B", "AB"):
-        some = [k for k, (roads, _) in enumerate(known) if roads.half in half]
-        if not some:
-            continue
-        scores, shares = [score for k in some for score in known[k][1]], [points[k] for k in some]
-        right, sure = _right(scores), reliability(scores)["0.9 or more"]
-        lines.append(
-            f"{way:5s} {half:2s} points {np.mean(shares):.3f} lowest {min(shares):.2f} right {np.mean(right):.3f} "
-            f"({sum(right)} of {len(right)}) 0.9 or more: {sure['right']:.0f} of {sure['lanes']:.0f} right, "
-            f"{sure['of right lanes']:.2f} of the right"
-        )
-    return "\n".join(lines)
+    groups = {f"{roads.half} {roads.name}": [scores] for roads, scores in known}
+    groups |= {f"{way} {half}": [scores for roads, scores in known if roads.half in half] for half in ("A", "B", "AB")}
+    return format_table(*number_cells({name: _summary(some) for name, some in groups.items() if some}))
 
 
-def _right(scores: Sequence[StillScore]) -> list[bool]:
-    return [score.right for score in scores if score.right is not None]
+def _summary(sets: Sequence[Sequence[StillScore]]) -> dict[str, float]:
+    """Mean and lowest share of right points of the sets, and the right images of all of them."""
+    points = [summarize(scores)["ego accuracy"] for scores in sets]
+    every = [score for scores in sets for score in scores]
+    right, sure = [score.right for score in every if score.right is not None], reliability(every)["0.9 or more"]
+    images = {"images": len(right), "right": sum(right), "right share": float(np.mean(right))}
+    confident = {"0.9 or more": sure["lanes"], "of them right": sure["right"], "of right lanes": sure["of right lanes"]}
+    return {"points": float(np.mean(points)), "lowest": min(points)} | images | confident
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
-    parser.add_argument("folder", type=Path, help="has labels.jsonl, and a folder of stills for each set")
-    parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
+def add_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """Add the options that choose labelled sets."""
+    folder = "has labels.jsonl, and a folder of stills for each set"
+    parser.add_argument("folder", type=Path, nargs="?" if optional else None, help=folder)
     parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
-    parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
     parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
@@ -182,12 +182,12 @@ def main() -> None:
     """Score the sets, and print a table for each way to look at them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
+    parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
+    parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
     options = parser.parse_args()
     sets = [roads for roads in read_road_sets(options.folder, options.camera) if roads.half in options.half]
     for way in [options.only] if options.only else WAYS:
-        tasks = [(roads, way) for roads in sets]
-        scored = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=options.workers)
-        print(describe(sets, way, scored))
+        print(describe(sets, way, score_sets(sets, way, workers=options.workers)))
 
 
 if __name__ == "__main__":

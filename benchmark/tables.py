@@ -62,19 +62,21 @@ def results_table(path: str | Path) -> str:
     of the lateral error over 5 to 20 m. In scenes without a lane it shows the share of frames that are confident and
     wrong. Bold are the best system of a row, and all whose difference to it is not significant.
     """
-    return markdown_table(read_scores(path))
-
-
-def markdown_table(rows: Sequence[Row]) -> str:
-    """Rows of the benchmark, in the order of the scenes, as the Markdown table of `results_table`."""
+    rows = read_scores(path)
     systems = list(dict.fromkeys(row["system"] for row in rows))
-    lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
+    lines = []
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
         by_system = {row["system"]: row for row in group}
         best = _best_systems(by_system)
         cells = [_markdown_cell(by_system[name], name in best) if name in by_system else "" for name in systems]
-        lines.append(f"| {scene} | {difficulty} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append([scene, difficulty, *cells])
+    return markdown_table(["scene", "difficulty", *systems], lines)
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table with these cells."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (headings, *rows)]
+    return "\n".join([lines[0], "|---" * len(headings) + "|", *lines[1:]])
 
 
 def read_scores(path: str | Path, required: str = "accuracy") -> list[Row]:

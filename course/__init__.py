@@ -1,8 +1,8 @@
 """What the notebook needs besides the classic pipeline: data, checks against the truth, exercises and figures."""
 
+from benchmark.evaluation import PROJECT_ROOT as PROJECT_ROOT
 from benchmark.evaluation import score_video as score_video
-from benchmark.reporting.tables import results_table as results_table
-from benchmark.scored_drive import PROJECT_ROOT as PROJECT_ROOT
+from benchmark.tables import results_table as results_table
 from course.accuracy import TwoLines as TwoLines
 from course.accuracy import accuracy_table as accuracy_table
 from course.accuracy import score_finders as score_finders

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmark.evaluation import score_systems
-from benchmark.scored_drive import COMMITTED, PROJECT_ROOT
+from benchmark.evaluation import COMMITTED, PROJECT_ROOT, score_systems
 from benchmark.scores import Row
 from benchmark.systems import PROJECTED_AT_M, TRACKER, OwnFinder, project_lines
 from course.dataset import Dataset

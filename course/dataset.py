@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.camera import Camera, camera_from_dict
 from lanes.files import read_telemetry, read_text
 from lanes.images import read_image

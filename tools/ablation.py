@@ -16,7 +16,6 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,13 +23,20 @@ import numpy as np
 from benchmark.bootstrap import frame_clusters, mean_interval
 from benchmark.consistency import consistency
 from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
-from benchmark.real_roads import WAYS, RoadSet, ScoredLane, read_road_sets, score_set
-from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
+from benchmark.evaluation import (
+    PreparedDrive,
+    choose_drives,
+    prepare_drive,
+    read_truth,
+    run_systems,
+)
+from benchmark.real_roads import WAYS, ScoredLane, add_arguments, read_road_sets, score_sets
 from benchmark.scores import score
 from benchmark.systems import TRACKER
+from benchmark.tables import markdown_table
 from lanes.console import bounded, progress_line
 from lanes.detect.fit import FIT
+from lanes.score import summarize
 from lanes.tracking.filter import FILTER
 from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
@@ -118,7 +124,7 @@ class Measurement:
 def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> Measurement:
     """The errors of the tracker without a mechanism on a drive, before the time `end_s`."""
     mechanism, drive = task
-    estimates = run_system(drive, TRACKER, end_s=end_s, settings=mechanism.settings())
+    (estimates,) = run_systems(drive, [(TRACKER, 1)], end_s=end_s, settings=mechanism.settings())
     truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
     return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
 
@@ -142,7 +148,7 @@ def real_cells(off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) 
     """Cells of the table from lanes of the same labels, in each of the `WAYS`, without and with a mechanism."""
     cells = []
     for some in zip(off, on, strict=True):
-        points = [np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in scored])) for scored in some]
+        points = [summarize([one.score for one in scored])["ego accuracy"] for scored in some]
         right = [sum(bool(s.score.right) for s in scored) for scored in some]
         cells += [f"{100 * (points[0] - points[1]):+.1f}", f"{right[0]} of {len(some[1])}"]
     return cells
@@ -152,68 +158,38 @@ REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right
 RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
 
 
-def look_at_roads(mechanism: Mechanism, sets: Sequence[RoadSet], *, workers: int) -> list[list[ScoredLane]]:
-    """The lanes of all sets in each of the `WAYS`, without a mechanism."""
-    tasks = [(roads, way) for way in WAYS for roads in sets]
-    found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
-    return [[one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS]
-
-
-def look_at_drives(mechanism: Mechanism, drives: Sequence[PreparedDrive], *, workers: int) -> list[Measurement]:
-    """The errors in rendered drives, without a mechanism."""
-    return run_all(measure, [(mechanism, drive) for drive in drives], workers=workers)
-
-
-def prepare(drive: BenchmarkDrive) -> PreparedDrive:
-    """The drive with its video and camera."""
-    return prepare_drive(ensure_video(drive, workers=1))
-
-
-@dataclass(frozen=True)
-class Roads:
-    """Roads of one kind: headings of their columns, what is found without a mechanism, and the cells of a row."""
-
-    columns: list[str]
-    look: Callable[[Mechanism], Any]
-    cells: Callable[[Any, Any], list[str]]
-
-
-def choose_roads(options: argparse.Namespace) -> list[Roads]:
-    """The roads that the options of the command name."""
-    some = []
+def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callable, Callable]]:
+    """The kinds of roads that are asked for: headings, what is found without a mechanism, and the cells of that."""
+    kinds: list[tuple[list[str], Callable, Callable]] = []
     if options.folder:
         sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
-        some.append(Roads(REAL_COLUMNS, partial(look_at_roads, sets=sets, workers=options.workers), real_cells))
+
+        def look_at_roads(mechanism: Mechanism) -> list[list[ScoredLane]]:
+            found = (score_sets(sets, way, mechanism.settings(), workers=options.workers) for way in WAYS)
+            return [[one for some in of_way for one in some] for of_way in found]
+
+        kinds.append((REAL_COLUMNS, look_at_roads, real_cells))
     if options.scenes != ["none"]:
         chosen = choose_drives(options.scenes, seed=options.seed)
-        drives = run_all(prepare, chosen, workers=options.workers, progress=progress_line("scenes"))
-        look = partial(look_at_drives, drives=drives, workers=options.workers)
-        some.append(Roads(RENDERED_COLUMNS, look, rendered_cells))
-    return some
+        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
 
+        def look_at_drives(mechanism: Mechanism) -> list[Measurement]:
+            return run_all(measure, [(mechanism, drive) for drive in drives], workers=options.workers)
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options of the command."""
-    split = partial(str.split, sep=",")
-    parser.add_argument("folder", type=Path, nargs="?", help="labelled sets of real roads")
-    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
-    parser.add_argument(
-        "--scenes",
-        type=split,
-        default=[],
-        metavar="NAME,...",
-        help="scenes of the suite, or videos with truth and camera (default: all scenes)",
-    )
-    parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
-    parser.add_argument("--only", type=split, default=[], metavar="NAME,...", help="some mechanisms")
-    parser.add_argument("--together", action="store_true", help="switch them off together, in one row")
-    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
+        kinds.append((RENDERED_COLUMNS, look_at_drives, rendered_cells))
+    return kinds
 
 
 def main() -> None:
     """Measure and print a row for each mechanism."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser)
+    add_arguments(parser, optional=True)
+    scenes = "scenes of the suite, or videos with truth and camera (default: all scenes)"
+    split = partial(str.split, sep=",")
+    parser.add_argument("--scenes", type=split, default=[], metavar="NAME,...", help=scenes)
+    parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
+    parser.add_argument("--only", type=split, default=[], metavar="NAME,...", help="some mechanisms")
+    parser.add_argument("--together", action="store_true", help="switch them off together, in one row")
     options = parser.parse_args()
     if unknown := set(options.only) - {mechanism.name for mechanism in MECHANISMS}:
         parser.error(f"no mechanism {', '.join(unknown)}; they are {', '.join(m.name for m in MECHANISMS)}")
@@ -221,13 +197,13 @@ def main() -> None:
     if options.together:
         off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
         rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
-    roads = choose_roads(options)
-    headings = ["switched off", "what it does", *(heading for some in roads for heading in some.columns)]
-    print(f"| {' | '.join(headings)} |\n|{'---|' * len(headings)}", flush=True)
-    on = [some.look(ALL_ON) for some in roads]
+    kinds = choose_columns(options)
+    headings = ["switched off", "what it does", *(heading for columns, *_ in kinds for heading in columns)]
+    print(markdown_table(headings, []), flush=True)
+    on = [look(ALL_ON) for _, look, _ in kinds]
     for mechanism in (ALL_ON, *rows):
-        found = on if mechanism is ALL_ON else [some.look(mechanism) for some in roads]
-        cells = [cell for some, one, base in zip(roads, found, on, strict=True) for cell in some.cells(one, base)]
+        found = on if mechanism is ALL_ON else [look(mechanism) for _, look, _ in kinds]
+        cells = [cell for (*_, to_cells), *both in zip(kinds, found, on, strict=True) for cell in to_cells(*both)]
         print(f"| {' | '.join([mechanism.name, mechanism.description, *cells])} |", flush=True)
 
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from course.sketch import SKETCHES, sketch
 from lanes.camera import Camera, load_camera
 from lanes.explanation import explain

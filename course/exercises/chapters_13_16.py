@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.scored_drive import COMMITTED, PROJECT_ROOT
+from benchmark.evaluation import COMMITTED, PROJECT_ROOT
 from benchmark.systems import OwnFinder
 from course.accuracy import score_finders
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried

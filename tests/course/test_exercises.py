@@ -8,7 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import COMMITTED
+from benchmark.evaluation import COMMITTED
 from course.exercises import chapters_13_16, check
 from course.exercises.chapters_05_08 import check_lane_width
 from course.exercises.chapters_09_12 import check_gate, filter_drive
