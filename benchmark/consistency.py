@@ -18,9 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.bootstrap import frame_clusters, share_interval
 from benchmark.errors import CONFIDENT, NUMBERS, QUANTITIES, NormalizedErrors, joined
-from benchmark.scores import Result, Row, by_difficulty, total_name
+from benchmark.scores import Result, Row, by_difficulty, frame_clusters, share_interval, total_name
 from benchmark.systems import TRACKER
 from benchmark.tables import describe_interval, markdown_table
 from lanes.describe import format_table
@@ -115,7 +114,7 @@ class Rate(NamedTuple):
 class AvailableLanes:
     """The M lanes that a system reported in some frames: confidence (1 if none is stated), and whether it is correct.
 
-    `clusters` (M,) are those of `benchmark.bootstrap`: intervals take into account that the frames of a drive are
+    `clusters` (M,) are those of `benchmark.scores`: intervals take into account that the frames of a drive are
     correlated.
     """
 

@@ -81,12 +81,7 @@ def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -
 def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
     """Estimates and metadata from a file of `write_estimates`.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If the file is damaged.
+    Raises OSError if the file cannot be read. Raises ValueError if the file is damaged.
     """
     require_file(path, "estimates")
     try:

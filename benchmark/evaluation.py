@@ -66,10 +66,7 @@ class BenchmarkDrive:
 def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
     """The drive of a video file with its truth (.csv) and camera (.yaml) next to it.
 
-    Raises
-    ------
-    FileNotFoundError
-        If the video, its truth or its camera is missing.
+    Raises FileNotFoundError if the video, its truth or its camera is missing.
     """
     video = Path(video)
     for file, what in ((video, "video"), (video.with_suffix(".csv"), "truth"), (video.with_suffix(".yaml"), "camera")):

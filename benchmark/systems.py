@@ -195,10 +195,7 @@ def finder_file(system: str) -> Path:
 def load_finder(system: str) -> OwnFinder:
     """The function of a system "file.py:function", from the file as it is now; each call executes the file.
 
-    Raises
-    ------
-    ValueError
-        If the file does not exist, cannot be executed, or has no such function.
+    Raises ValueError if the file does not exist, cannot be executed, or has no such function.
     """
     file, name = finder_file(system), system.rpartition(":")[2]
     if not file.is_file():
@@ -219,10 +216,7 @@ def load_finder(system: str) -> OwnFinder:
 def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
     """The estimate of a finder that returns the coefficients of two lines; no lane for None.
 
-    Raises
-    ------
-    ValueError
-        If there are not two lines.
+    Raises ValueError if there are not two lines.
     """
     if lines is None:
         return {}

@@ -54,10 +54,7 @@ class Dataset:
     def still(self, name: str) -> Path:
         """The test picture called `name` (without suffix).
 
-        Raises
-        ------
-        DatasetError
-            If there is no such picture.
+        Raises DatasetError if there is no such picture.
         """
         for path in self.stills:
             if path.stem == name:
@@ -69,10 +66,7 @@ class Dataset:
     def video(self, name: str) -> Path:
         """The video file `name`, in test_videos/ or directly in the data folder, as in Udacity's repository.
 
-        Raises
-        ------
-        DatasetError
-            If there is no such video.
+        Raises DatasetError if there is no such video.
         """
         for folder in (self.root / "test_videos", self.root):
             if (folder / name).is_file():
@@ -130,10 +124,7 @@ def _read_truth(path: Path, select: Callable[[dict], Part]) -> Part:
 def open_dataset(root: str | Path | None = None) -> Dataset:
     """The data folder `root`; default: the one named by the environment variable LANES_DATA, else the embedded data.
 
-    Raises
-    ------
-    DatasetError
-        If the folder lacks camera_cal/ or test_images/.
+    Raises DatasetError if the folder lacks camera_cal/ or test_images/.
     """
     named = root or os.environ.get("LANES_DATA")
     folder = Path(named) if named else PROJECT_ROOT

@@ -14,8 +14,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import Atmosphere
-from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
+from simulator.painting import Atmosphere, fractal_noise, fractal_profile, smoothstep
 
 # Half the resolution of a dashcam: the backdrop has no detail that matters.
 COLUMNS = 4096

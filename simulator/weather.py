@@ -17,8 +17,7 @@ from lanes.camera import Camera
 from simulator.objects.scene_objects import SceneObject
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
-from simulator.painting.brush import Atmosphere
-from simulator.painting.noise import band_noise_tile, fade, sample_noise
+from simulator.painting import Atmosphere, band_noise_tile, fade, sample_noise
 from simulator.road.ground import Ground
 from simulator.road.markings import Marking
 
@@ -230,40 +229,31 @@ STREAK_DOWNSAMPLING = 4
 WATER = 0.02
 # Reflection of a lamp: standard deviations, vertical as a share of its depth below the horizon, horizontal in metres.
 STREAK_LONG, STREAK_WIDE_M = 0.45, 0.16
+# New drops on the visible part of the windscreen between two wipes, period of the wipes, time that the blade takes to
+# cross the image, and light of the falling drops (sunlit white paint is 1).
+DROPS, WIPE_EVERY_S, WIPE_S, FALLING_LIGHT = 280, 1.2, 0.45, 0.10
 
 
-@dataclass(frozen=True)
-class Rain:
-    """Strength of the rain: new drops on the visible part of the windscreen between two wipes, and falling drops.
-
-    A wipe begins every `wipe_every_s`; the blade takes `wipe_s` to cross the image. `streaks` is the light of the
-    falling drops; sunlit white paint is 1.
-    """
-
-    drops: int = 280
-    wipe_every_s: float = 1.2
-    wipe_s: float = 0.45
-    streaks: float = 0.10
-
-
-def add_falling_drops(light: np.ndarray, rain: Rain, *, seed: int) -> None:
+def add_falling_drops(light: np.ndarray, *, seed: int) -> None:
     """Add motion-blurred falling drops, in place; each seed gives another pattern."""
     height, width = light.shape[:2]
     row, column = np.random.default_rng(seed).integers(0, 64, 2)
     streaks = _streaks(height, width)[row : row + height, column : column + width]
-    cv2.scaleAdd(streaks, rain.streaks, light, dst=light)
+    cv2.scaleAdd(streaks, FALLING_LIGHT, light, dst=light)
 
 
-def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
+def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> np.ndarray:
     """The light (height, width, 3) float32 through the wet windscreen; the time gives drops and wiper."""
     height, width = light.shape[:2]
     small = cv2.resize(light, (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / DROP_DOWNSAMPLING)
     cover = np.zeros(small.shape[:2], np.float32)
     map_u, map_v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in small.shape[1::-1]))
-    for at_u, at_v, radius in windscreen_drops(rain, time_s, seed=seed) * [width, height, height] / DROP_DOWNSAMPLING:
+    cycle = int(np.floor(time_s / WIPE_EVERY_S))
+    drops = np.concatenate([_drops_of_cycle(number, time_s, seed) for number in (cycle - 1, cycle)])
+    for at_u, at_v, radius in drops * [width, height, height] / DROP_DOWNSAMPLING:
         _lay_drop(cover, map_u, map_v, at_u, at_v, radius)
-    _lay_blade(cover, map_u, map_v, rain, time_s)
+    _lay_blade(cover, map_u, map_v, time_s)
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     seen, cover = (cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR) for a in (seen, cover))
     seen -= light
@@ -273,24 +263,20 @@ def add_windscreen_drops(light: np.ndarray, rain: Rain, time_s: float, *, seed: 
     return seen
 
 
-def windscreen_drops(rain: Rain, time_s: float, *, seed: int) -> np.ndarray:
-    """Drops (N, 3) at a time: u as a share of the width, v and radius as shares of the height."""
-    cycle = int(np.floor(time_s / rain.wipe_every_s))
-    kept = [_drops_of_cycle(rain, number, time_s, seed) for number in (cycle - 1, cycle)]
-    return np.concatenate(kept)
+def _drops_of_cycle(number: int, time_s: float, seed: int) -> np.ndarray:
+    """Drops (N, 3) that fell between wipes `number` and `number + 1` and are not wiped off yet.
 
-
-def _drops_of_cycle(rain: Rain, number: int, time_s: float, seed: int) -> np.ndarray:
-    """Drops that fell between wipes `number` and `number + 1` and are not wiped off yet."""
+    u as a share of the width, v and radius as shares of the height.
+    """
     rng = np.random.default_rng([seed, 91, number + 1000])
-    u, v = rng.uniform(0, 1, (2, rain.drops))
-    radius = 0.005 + 0.021 * rng.uniform(0, 1, rain.drops) ** 3
-    born = (number + rng.uniform(0, 1, rain.drops)) * rain.wipe_every_s
+    u, v = rng.uniform(0, 1, (2, DROPS))
+    radius = 0.005 + 0.021 * rng.uniform(0, 1, DROPS) ** 3
+    born = (number + rng.uniform(0, 1, DROPS)) * WIPE_EVERY_S
     # Share of the sweep at which the blade meets the drop.
     angle = np.arctan2(u - PIVOT[0], (PIVOT[1] - v) * 9 / 16)
     share = np.clip((angle - SWEEP_RAD[0]) / (SWEEP_RAD[1] - SWEEP_RAD[0]), 0, 1)
-    wiped = number * rain.wipe_every_s + share * rain.wipe_s
-    wiped = np.where(wiped <= born, wiped + rain.wipe_every_s, wiped)
+    wiped = number * WIPE_EVERY_S + share * WIPE_S
+    wiped = np.where(wiped <= born, wiped + WIPE_EVERY_S, wiped)
     there = (born <= time_s) & (time_s < wiped)
     return np.column_stack([u, v, radius])[there]
 
@@ -309,10 +295,10 @@ def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> N
     cover[part] = np.maximum(cover[part], inside * np.float32(0.9))
 
 
-def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, rain: Rain, time_s: float) -> None:
+def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, time_s: float) -> None:
     """Add the moving wiper blade, in place: a blurred bar with the colour of the bottom of the image."""
     height, width = cover.shape
-    share = (time_s % rain.wipe_every_s) / rain.wipe_s
+    share = (time_s % WIPE_EVERY_S) / WIPE_S
     if share >= 1:
         return
     angle = SWEEP_RAD[0] + share * (SWEEP_RAD[1] - SWEEP_RAD[0])

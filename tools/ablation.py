@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.bootstrap import frame_clusters, mean_interval
 from benchmark.consistency import consistency
 from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
 from benchmark.evaluation import (
@@ -31,7 +30,7 @@ from benchmark.evaluation import (
     run_systems,
 )
 from benchmark.real_roads import WAYS, ScoredLane, add_arguments, read_road_sets, score_sets
-from benchmark.scores import score
+from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_table
 from lanes.console import bounded, progress_line
@@ -40,7 +39,7 @@ from lanes.score import summarize
 from lanes.tracking.filter import FILTER
 from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
-from simulator.rendering.video import VIDEO_FPS
+from simulator.rendering.render import VIDEO_FPS
 
 
 @dataclass(frozen=True)

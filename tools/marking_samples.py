@@ -25,9 +25,8 @@ from simulator.not_roads import KINDS, not_a_road
 from simulator.objects.scene_objects import PlacedWall
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.road.ground import Ground, cast_on_ground, pixel_rays
+from simulator.road.ground import Ground, RoadAhead, cast_on_ground, pixel_rays
 from simulator.road.markings import Marking
-from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
 from simulator.scenes.suite import SUITE, vary_drive
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from benchmark.evaluation import COMMITTED, PROJECT_ROOT
 from benchmark.systems import OwnFinder
-from course.accuracy import score_finders
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.measures import score_finders
 from lanes.camera import Camera, load_camera
 from lanes.detect.lane import Lane
 from lanes.draw import draw_lane

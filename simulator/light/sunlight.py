@@ -9,7 +9,7 @@ from statistics import NormalDist
 import cv2
 import numpy as np
 
-from simulator.painting.noise import band_noise_tile, fade, fractal_noise, sample_noise, smoothstep
+from simulator.painting import band_noise_tile, fade, fractal_noise, sample_noise, smoothstep
 from simulator.road.ground import Ground, strip_coverage
 
 # Share of the sun in the light on objects; the rest comes from the sky.
@@ -21,6 +21,8 @@ OVERCAST_LIGHT = np.array([0.36, 0.38, 0.41], np.float32) / SKY_SHARE
 # Outside 1 - r^2 < -CROWN_CUTOFF (r is the distance from the centre in crown radii) there is no shade: noise above five
 # standard deviations would be needed.
 CROWN_CUTOFF = 3.0
+# Height of the deck of a bridge above the road, metres.
+CLEARANCE_M = 5.0
 # Least skylight below a wide bridge, as a share of open sky: light scattered by walls and the sunny road outside.
 BOUNCED_SHARE = 0.4
 
@@ -100,13 +102,12 @@ class WoodShade:
 class BridgeShade:
     """Sharp shadow of a bridge across the whole road, and the skylight blocked by its deck.
 
-    `skew` is ds/dd of its edges; `clearance_m` is the height of the deck above the road.
+    `skew` is ds/dd of its edges.
     """
 
     start_m: float
     end_m: float
     skew: float = 0.0
-    clearance_m: float = 5.0
 
     def sunlight(self, ground: Ground, seed: int) -> np.ndarray:
         """Share of sunlight (rows, width): none below the bridge."""
@@ -121,7 +122,7 @@ class BridgeShade:
         It is half the difference of the sines of the directions to its edges: the view factor of a strip and a
         parallel plate.
         """
-        sines = [(edge - t) / np.hypot(edge - t, np.float32(self.clearance_m)) for edge in (self.start_m, self.end_m)]
+        sines = [(edge - t) / np.hypot(edge - t, np.float32(CLEARANCE_M)) for edge in (self.start_m, self.end_m)]
         return (sines[1] - sines[0]).astype(np.float32) / 2
 
 

@@ -13,10 +13,9 @@ from lanes.camera import Camera
 from simulator.objects.standing import Post, Tree
 from simulator.objects.vehicles import Car
 from simulator.objects.walls import BridgeSlice, Overpass, Wall
-from simulator.painting.noise import band_noise_tile, sample_noise
+from simulator.painting import band_noise_tile, sample_noise
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
-from simulator.road.ground import Ground
-from simulator.road.road_ahead import RoadAhead
+from simulator.road.ground import Ground, RoadAhead
 
 # Objects farther than this are not painted: a car is 4 pixels wide there.
 MAX_OBJECT_M = 600.0

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from simulator.light.sunlight import irradiance
-from simulator.painting.brush import Atmosphere, Canvas, heights_above, paint_polygons
+from simulator.painting import Atmosphere, Canvas, heights_above, paint_polygons
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,7 +82,8 @@ def vertical_rectangle(y: float, left: float, right: float, bottom: float, top: 
 
 # A tree is a trunk and a crown of lumps, which are painted and cast the shadow.
 LUMPS = 45
-BARK = (0.12, 0.09, 0.07)
+# Width of a trunk as a share of the height of the tree.
+TRUNK_WIDTH, BARK = 0.035, (0.12, 0.09, 0.07)
 # Painted lumps are larger and more even than those of the shadow, which leaves flecks of sun.
 PAINTED_RADIUS = 1.5
 OCTAGON = np.stack([f(np.arange(8) * np.pi / 4) for f in (np.cos, np.sin)], axis=-1)
@@ -98,7 +99,6 @@ class Species:
     sun_colour: tuple[float, float, float]
     shade_colour: tuple[float, float, float]
     taper: float = 0.0
-    trunk_width: float = 0.035
 
 
 SPECIES = {
@@ -155,12 +155,12 @@ class Tree(Standing):
 
     def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
         """Polygons (N, 2) of the shadows of the lumps, with sun flecks between them, and of the trunk."""
-        kind, lumps = SPECIES[self.species], crown(self.species, self.seed, self.height_m)
+        lumps = crown(self.species, self.seed, self.height_m)
         middle = self.places_m + lumps.aside_m + (lumps.share * self.height_m + self.base_m)[:, None] * offset_per_m
         # A lump is as tall as wide, so its shadow gets longer with a low sun.
         away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
         outline = lumps.outline_m + 0.3 * np.linalg.norm(offset_per_m) * (lumps.outline_m @ away)[..., None] * away
-        half = max(0.12, kind.trunk_width * self.height_m / 2)
+        half = max(0.12, TRUNK_WIDTH * self.height_m / 2)
         trunk = vertical_rectangle(0, half, half, 0, self.height_m * self.fork)
         return [*(middle[:, None] + outline).astype(np.float32), self.cast_hull(trunk, offset_per_m)]
 
@@ -182,7 +182,7 @@ class Tree(Standing):
         # The top of the crown stays below the height of the tree.
         height = np.minimum(share * self.height_m, self.height_m - radius)
         blots = foot + across[:, None, None] * right + height[:, None, None] * up + outline
-        half, fork_m = kind.trunk_width * self.height_m / 2, self.fork * self.height_m
+        half, fork_m = TRUNK_WIDTH * self.height_m / 2, self.fork * self.height_m
         corners = np.array([[-half, 0], [-half, fork_m], [half, fork_m], [half, 0]])
         trunk = foot + corners[:, :1] * right + corners[:, 1:] * up
         # Lumps are light where their side of the crown faces the sun.

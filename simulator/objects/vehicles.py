@@ -16,8 +16,7 @@ from numpy.typing import ArrayLike
 
 from simulator.light.sunlight import irradiance
 from simulator.objects.standing import Standing
-from simulator.painting.brush import Atmosphere, Canvas, composite, face_normals, paint_polygons
-from simulator.painting.noise import smoothstep
+from simulator.painting import Atmosphere, Canvas, composite, face_normals, paint_polygons, smoothstep
 
 PAINTS = {
     "white": (0.74, 0.74, 0.72),

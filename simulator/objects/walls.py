@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from simulator.light.sunlight import BOUNCED_SHARE, BridgeShade, irradiance
-from simulator.painting.brush import Atmosphere, Canvas, face_normals, paint_polygons
-from simulator.painting.noise import smoothstep
+from simulator.light.sunlight import BOUNCED_SHARE, CLEARANCE_M, BridgeShade, irradiance
+from simulator.painting import Atmosphere, Canvas, face_normals, paint_polygons, smoothstep
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 
 # Sorting distance of a fully visible bank: behind everything.
@@ -185,25 +184,24 @@ MAX_BRIDGE_M = 420.0
 class Overpass:
     """Bridge from arc length `start_m` to `end_m`, with an opening from lateral `low_m` to `high_m`.
 
-    `skew` is ds/dd of its edges, as in `BridgeShade`; `clearance_m` is the height of the deck above the road.
+    `skew` is ds/dd of its edges, as in `BridgeShade`.
     """
 
     start_m: float
     end_m: float
     low_m: float
     high_m: float
-    clearance_m: float = 5.0
     skew: float = 0.0
 
     def shade(self) -> BridgeShade:
         """Shadow of the bridge for a high sun, including the skylight that it blocks."""
-        return BridgeShade(self.start_m, self.end_m, self.skew, self.clearance_m)
+        return BridgeShade(self.start_m, self.end_m, self.skew)
 
     def slices_at(self, road: RoadGeometry, pose: VehiclePose) -> list[BridgeSlice]:
         """Slices of the bridge in the car's road frame, which can be sorted by distance."""
         if self.end_m < pose.s_m - 2 or self.start_m > pose.s_m + MAX_BRIDGE_M:
             return []
-        low, high, under, top = self.low_m, self.high_m, self.clearance_m, self.clearance_m + DECK_M
+        low, high, under, top = self.low_m, self.high_m, CLEARANCE_M, CLEARANCE_M + DECK_M
         front = [
             self._sheet((low - APPROACH_M, low), (self.start_m, self.start_m), (0.0, top)),
             self._sheet((high, high + APPROACH_M), (self.start_m, self.start_m), (0.0, top)),
@@ -223,7 +221,7 @@ class Overpass:
 
     def _below(self, s: tuple[float, float]) -> BridgeSlice:
         """Underside of the deck and the side walls below it; light as a share of open sky."""
-        top = self.clearance_m
+        top = CLEARANCE_M
         deck = self._sheet((self.low_m, self.high_m), s, (top, top))
         sides = [[(s[0], d, 0.0), (s[0], d, top), (s[1], d, top), (s[1], d, 0.0)] for d in (self.low_m, self.high_m)]
         open_sky = 1 - float(self.shade().blocked_sky(np.float32(sum(s) / 2)))

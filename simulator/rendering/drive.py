@@ -18,8 +18,10 @@ from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.markings import Marking, Symbol
 from simulator.road.surface import Surface
 from simulator.road.truth import Truth, lane_truth
-from simulator.weather import Fog, Night, Rain, Wet
+from simulator.weather import Fog, Night, Wet
 
+# Speed at which a car in a bend moves along its longitudinal axis.
+TANGENT_MPS = 20.0
 Difficulty = Literal["clean", "medium", "hard", "no lane"]
 
 
@@ -34,7 +36,7 @@ class Motion:
     motion. A lane change is a lateral shift of `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle
     behind the camera: the heading of a slow car is the direction of the road at its rear axle, so in a sharp bend it
     lags behind the road at the camera. The slip of the rear tyres turns the car inwards: the lag shrinks with the
-    square of the speed, and is gone at `tangent_mps`.
+    square of the speed, and is gone at TANGENT_MPS.
     """
 
     start_m: float = 0.0
@@ -50,7 +52,6 @@ class Motion:
     shift_start_s: float = 0.0
     shift_seconds: float = 4.0
     rear_axle_m: float = 0.0
-    tangent_mps: float = 20.0
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
@@ -67,7 +68,7 @@ class Motion:
     def lag_m(self, time_s: float) -> float:
         """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
         _, speed = self._progress(time_s)
-        return self.rear_axle_m * (1 - (speed / self.tangent_mps) ** 2)
+        return self.rear_axle_m * (1 - (speed / TANGENT_MPS) ** 2)
 
     def _progress(self, time_s: float) -> tuple[float, float]:
         """Arc length and speed at a time."""
@@ -113,7 +114,7 @@ class Drive:
     glare: Glare | None = None
     night: Night | None = None
     wet: Wet | None = None
-    rain: Rain | None = None
+    rain: bool = False
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""

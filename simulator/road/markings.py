@@ -10,8 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simulator.painting.brush import blend_pixels
-from simulator.painting.noise import band_noise_tile, fade, sample, sample_noise
+from simulator.painting import band_noise_tile, blend_pixels, fade, sample, sample_noise
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
 # Linear reflectance relative to fresh white paint.

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simulator.painting.brush import blend_pixels
-from simulator.painting.noise import band_noise_tile, fade, sample_noise
+from simulator.painting import band_noise_tile, blend_pixels, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 
 TAR = (0.028, 0.027, 0.029)

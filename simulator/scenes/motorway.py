@@ -80,34 +80,42 @@ def project_video() -> Drive:
     )
 
 
-def motorway_drive(freeway: Freeway = MOTORWAY, **changes) -> Drive:
+# Barrier, bank and cars of `motorway_drive`.
+BARRIER, BANK = PlacedWall(4.4, "jersey", seed=25), PlacedWall(-18.0, "bank", seed=26)
+# Barriers farther away, and close beside a joint of the pavement; see `joint_fields`.
+FAR_BARRIER = replace(BARRIER, lateral_m=8.1)
+JOINT_BARRIER = replace(BARRIER, lateral_m=JOINT_BARRIER_M, height_scale=1.25)
+CARS = (car(22.0, -1, "silver", "suv", speed_mps=26.0), car(70.0, -2, "white", speed_mps=25.0))
+
+
+def roadside(barrier: PlacedWall = BARRIER, *more: PlacedObject | PlacedWall | Overpass) -> tuple:
+    """Objects of a motorway: a barrier, the bank, and `more` (default: CARS), then oncoming cars and trees."""
+    return (
+        barrier,
+        BANK,
+        *(more or CARS),
+        *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
+        *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=BANK),
+        *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
+    )
+
+
+def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = 0.15, **changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
-    The car is in the leftmost of four lanes, between solid yellow and broken white. A barrier and the
+    The car is in the leftmost of four lanes, between solid yellow and broken white, at `offset_m`. A barrier and the
     opposite carriageway are to the left; there are some traffic and a grassy bank.
     """
-    bank = PlacedWall(-18.0, "bank", seed=26)
-    drive = freeway_drive(
-        freeway,
-        road=RoadGeometry(
+    sway = {"wander_m": 0.2, "wander_period_s": 5.0, "pitch_rad": float(np.radians(0.22))}
+    usual = {
+        "road": RoadGeometry(
             [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
         ),
-        objects=(
-            PlacedWall(4.4, "jersey", seed=25),
-            bank,
-            car(22.0, -1, "silver", "suv", speed_mps=26.0),
-            car(70.0, -2, "white", speed_mps=25.0),
-            *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
-            *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
-            *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
-        ),
-        motion=Motion(
-            0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22))
-        ),
-        seed=131,
-        **daylight(60, 48, cloud_cover=0.3, tree_density=0.7),
-    )  # fmt: skip
-    return replace(drive, **changes)
+        "objects": roadside(),
+        "motion": Motion(0.0, 25.0, offset_m=offset_m, **sway),
+        "seed": 131,
+    }
+    return freeway_drive(freeway, **usual | daylight(60, 48, cloud_cover=0.3, tree_density=0.7) | changes)
 
 
 def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
@@ -133,17 +141,10 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     }
 
 
-def _without_barrier() -> tuple[PlacedObject | PlacedWall | Overpass, ...]:
-    """Objects of `motorway_drive` except its barrier."""
-    return tuple(
-        item for item in motorway_drive().objects if not (isinstance(item, PlacedWall) and item.kind == "jersey")
-    )
-
-
 def _joint_and_seam() -> Drive:
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
-        objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *_without_barrier()),
+        objects=roadside(JOINT_BARRIER),
         seed=132,
         **joint_fields(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
         **daylight(78, 58, cloud_cover=0.6, tree_density=0.7),
@@ -153,8 +154,8 @@ def _joint_and_seam() -> Drive:
 def _barrier() -> Drive:
     return motorway_drive(
         replace(MOTORWAY, pavement="old asphalt", left_shoulder_m=0.65, wear=0.45),
-        objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=-0.2),
+        objects=roadside(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27)),
+        offset_m=-0.2,
         seed=133,
         **daylight(75, 42, cloud_cover=0.2, tree_density=0.7),
     )
@@ -188,8 +189,8 @@ def _dashes_only() -> Drive:
     return motorway_drive(
         freeway,
         markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in freeway.markings()),
-        objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=0.35),
+        objects=roadside(FAR_BARRIER, car(30.0, 1, "grey", speed_mps=24.0), *CARS),
+        offset_m=0.35,
         seed=136,
     )
 
@@ -199,8 +200,8 @@ def _botts_dots() -> Drive:
     return motorway_drive(
         MIDDLE_LANE,
         markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in paint),
-        objects=(PlacedWall(8.1, "jersey", seed=25), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=-0.25),
+        objects=roadside(FAR_BARRIER),
+        offset_m=-0.25,
         seed=137,
     )
 
@@ -211,7 +212,7 @@ def _lane_change() -> Drive:
         motion=replace(
             motorway_drive().motion, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6
         ),
-        objects=(*motorway_drive().objects[:2], car(60.0, 0, "red", speed_mps=22.0), *motorway_drive().objects[4:]),
+        objects=roadside(BARRIER, car(60.0, 0, "red", speed_mps=22.0)),
         seed=138,
     )
 
@@ -228,7 +229,7 @@ def _symbols() -> Drive:
         Symbol(118.0, 0.0, "SLOW", 2.6, 2.4),
         Symbol(134.0, 0.0, "arrow", 4.2, 1.1),
     )
-    return motorway_drive(symbols=symbols, motion=replace(motorway_drive().motion, offset_m=-0.3), seed=139)
+    return motorway_drive(symbols=symbols, offset_m=-0.3, seed=139)
 
 
 def _construction() -> Drive:
@@ -250,10 +251,8 @@ def _construction() -> Drive:
             patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
         ),
         markings=(*old, *new),
-        objects=(
-            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
-            PlacedWall(-7.4, "jersey", seed=29),
-            *_without_barrier(),
+        objects=roadside(
+            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28), PlacedWall(-7.4, "jersey", seed=29), *CARS
         ),
         motion=replace(motorway_drive().motion, speed_mps=20.0),
         seed=140,
@@ -302,16 +301,18 @@ def challenge_video() -> Drive:
             [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
             [-1 / 900, -1 / 620, -1 / 620, 0.0, 1 / 1600, 1 / 1200, 0.0, 0.0],
         ),
-        objects=(
-            PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25),
-            motorway_drive().objects[1],
-            bridge,
-            car(26.0, -1, "black", "suv", speed_mps=26.5),
-            car(64.0, -2, "white", speed_mps=25.0),
-            car(-12.0, -1, "silver", speed_mps=29.0),
-            car(90.0, 0, "grey", speed_mps=26.5),
-            # No objects where the bridge is.
-            *(t for t in motorway_drive().objects[4:] if isinstance(t, PlacedWall | Overpass) or not 104 < t.s_m < 136),
+        # No objects where the bridge is.
+        objects=tuple(
+            item
+            for item in roadside(
+                JOINT_BARRIER,
+                bridge,
+                car(26.0, -1, "black", "suv", speed_mps=26.5),
+                car(64.0, -2, "white", speed_mps=25.0),
+                car(-12.0, -1, "silver", speed_mps=29.0),
+                car(90.0, 0, "grey", speed_mps=26.5),
+            )
+            if isinstance(item, PlacedWall | Overpass) or not 104 < item.s_m < 136
         ),
         symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
         shades=(bridge.shade(),),

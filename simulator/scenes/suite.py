@@ -18,8 +18,7 @@ from lanes.files import hash_sources
 from lanes.images import write_image
 from simulator.processes import run_all
 from simulator.rendering.drive import Drive, Motion, SuiteScene
-from simulator.rendering.render import render_frame
-from simulator.rendering.video import VIDEO_CRF, VIDEO_SECONDS, Progress, write_video
+from simulator.rendering.render import VIDEO_CRF, VIDEO_SECONDS, Progress, render_frame, write_video
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.freeway import DASHCAM

@@ -26,7 +26,7 @@ from simulator.scenes.freeway import (
     oncoming_cars,
     plant_trees,
 )
-from simulator.weather import Fog, Night, Rain, Wet
+from simulator.weather import Fog, Night, Wet
 
 OPPOSITE_EDGE_M = 17.0
 
@@ -158,7 +158,7 @@ def _wet_night() -> Drive:
 
 
 def _rain() -> Drive:
-    return plain_motorway(401, rain=Rain(), wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
+    return plain_motorway(401, rain=True, wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
 
 
 def _overcast() -> dict:

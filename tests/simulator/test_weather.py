@@ -16,7 +16,7 @@ from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import Freeway
-from simulator.weather import Fog, Night, Rain
+from simulator.weather import Fog, Night
 from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
@@ -93,8 +93,8 @@ def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():
-    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (None, Rain()))
-    again = render_frame(asphalt_drive(rain=Rain(), objects=(BRIDGE,)), 0.9)
+    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (False, True))
+    again = render_frame(asphalt_drive(rain=True, objects=(BRIDGE,)), 0.9)
     np.testing.assert_array_equal(rainy.image, again.image)
     np.testing.assert_array_equal(rainy.hidden, clear.hidden)
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)
