@@ -173,16 +173,14 @@ def save_reliability_figure(path: str | Path, results: Sequence[Result]) -> Path
     confidence, accuracy, low, high, count = np.array(AvailableLanes.from_results(of_tracker).reliability()).T
     figure, (axes,) = new_figure(1, 1, (8, 6))
     axes.plot([0, 1], [0, 1], color="0.15", linestyle="--", linewidth=1.3, zorder=3)
-    axes.errorbar(
-        confidence, accuracy, [accuracy - low, high - accuracy], fmt="o", color="0.2", ecolor="0.5", capsize=3
-    )
+    error = [accuracy - low, high - accuracy]
+    axes.errorbar(confidence, accuracy, error, fmt="o", color="0.2", ecolor="0.5", capsize=3)
     # above the axes and turned, because the points at the right are as close together as a line of text is high
     above = {"transform": axes.get_xaxis_transform(), "rotation": 90, "ha": "center", "va": "bottom"}
     for x, lanes in zip(confidence, count, strict=True):
         axes.text(x, 1.02, f"{lanes:.0f}", **above)
-    axes.set(
-        xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes", xlim=(0, 1.02), ylim=(0, 1.02)
-    )
+    axes.set(xlabel="confidence (numbers above: lanes)", ylabel="share of correct lanes")
+    axes.set(xlim=(0, 1.02), ylim=(0, 1.02))
     scenes = len({result.scene for result in results})
     title = f"Is the tracker's confidence calibrated? ({scenes} scene{'s' * (scenes > 1)})"
     axes.set_title(title, loc="left", pad=40)

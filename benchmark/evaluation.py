@@ -211,7 +211,5 @@ def read_truth(drive: BenchmarkDrive) -> LaneTruth:
     except KeyError as error:
         raise ValueError(f"{path}: lacks the column {error}; use the truth that was written with the video.") from error
     except ValueError as error:
-        raise ValueError(
-            f"{path}: is not a truth file ({error}); use the one that was written with the video."
-        ) from error
+        raise ValueError(f"{path}: is not a truth file ({error}); use the one written with the video.") from error
     return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth

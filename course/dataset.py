@@ -59,9 +59,7 @@ class Dataset:
         for path in self.stills:
             if path.stem == name:
                 return path
-        raise DatasetError(
-            f"{self.root / 'test_images'}: there is no picture {name}; look in the folder for its names."
-        )
+        raise DatasetError(f"{self.root / 'test_images'}: there is no picture {name}; look there for its names.")
 
     def video(self, name: str) -> Path:
         """The video file `name`, in test_videos/ or directly in the data folder, as in Udacity's repository.
@@ -92,11 +90,8 @@ class Dataset:
         if not path.is_file():
             return {}
         labels = {Path(label.name).name: label for label in read_labels(path)}
-        return {
-            still.name: labels[still.name].ego_lane(read_image(still).shape[1::-1])
-            for still in self.stills
-            if still.name in labels
-        }
+        labelled = [still for still in self.stills if still.name in labels]
+        return {still.name: labels[still.name].ego_lane(read_image(still).shape[1::-1]) for still in labelled}
 
     def line_columns(self, still: Path) -> LaneColumns | None:
         """The columns of both lines in a test picture: the truth, else the hand-made labels, None without either."""
@@ -116,9 +111,7 @@ def _read_truth(path: Path, select: Callable[[dict], Part]) -> Part:
     try:
         return select(json.loads(read_text(path, "truth")))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise DatasetError(
-            f"{path}: is not a truth file of pictures ({error!r}); remove it, or copy it again."
-        ) from error
+        raise DatasetError(f"{path}: is not a truth file of pictures ({error!r}); remove or replace it.") from error
 
 
 def open_dataset(root: str | Path | None = None) -> Dataset:
@@ -130,7 +123,5 @@ def open_dataset(root: str | Path | None = None) -> Dataset:
     folder = Path(named) if named else PROJECT_ROOT
     for part in ("camera_cal", "test_images"):
         if not (folder / part).is_dir():
-            raise DatasetError(
-                f"{folder}: has no {part}/; LANES_DATA must name a folder with camera_cal/, test_images/."
-            )
+            raise DatasetError(f"{folder}: has no {part}/; LANES_DATA names a folder with camera_cal/, test_images/.")
     return Dataset(folder, PROJECT_ROOT / ("output_real" if named else "output_images"))

@@ -208,9 +208,8 @@ def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) 
 
 def _describe_differences(found: Found) -> str:
     """The median and the largest distance between any two methods on one still."""
-    lines = [
-        [some.lateral_m(COMPARED_AT_M) for some in results if some] for results in zip(*found.values(), strict=True)
-    ]
+    stills = zip(*found.values(), strict=True)
+    lines = [[some.lateral_m(COMPARED_AT_M) for some in results if some] for results in stills]
     known = [[line for line in some if line is not None] for some in lines]
     gaps = [np.ptp(some, axis=0).max() for some in known if len(some) > 1]
     if not gaps:

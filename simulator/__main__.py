@@ -34,9 +34,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="NAME",
         help="render this scene of the suite into the cache folder (LANES_CACHE) instead, if it is not there yet",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("."), help="folder that holds these folders (default: the current one)"
-    )
+    out = "folder that holds these folders (default: the current one)"
+    parser.add_argument("--out", type=Path, default=Path("."), help=out)
     parser.add_argument(
         "--seconds",
         type=bounded(float, 0.04, 10),

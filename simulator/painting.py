@@ -45,10 +45,8 @@ def fractal_noise(
         grid = np.pad(grid, ((0, 0), (2, 2)), mode="wrap")
         # Exact scale, so that the last column continues into the first one.
         to_grid = np.array([[across / columns, 0, 2], [0, 1 / cell_rows, 1]])
-        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
-        layer: np.ndarray = cv2.warpAffine(
-            grid, to_grid, (columns, rows), flags=flags, borderMode=cv2.BORDER_REFLECT_101
-        )
+        look: dict = {"flags": cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP, "borderMode": cv2.BORDER_REFLECT_101}
+        layer: np.ndarray = cv2.warpAffine(grid, to_grid, (columns, rows), **look)
         layer *= gain**octave
         total += layer
     # In place, because these fields are large.

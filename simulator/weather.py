@@ -342,9 +342,8 @@ class Wet:
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
         tile = band_noise_tile(seed + 81, octaves=3)
-        puddles = sample_noise(tile, ground.along, ground.d, wave_s_m=5.0, wave_d_m=0.45) * fade(
-            ground.footprint_s, 12.0
-        )
+        puddles = sample_noise(tile, ground.along, ground.d, wave_s_m=5.0, wave_d_m=0.45)
+        puddles *= fade(ground.footprint_s, 12.0)
         return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
 
 
@@ -367,9 +366,8 @@ def add_lamp_reflections(
         long = max(STREAK_LONG * (v - horizon), 4.0)
         # The lamp's energy is spread over the streak.
         energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (2 * wide * long)
-        at = slice(
-            max(int((u - 3 * wide) / STREAK_DOWNSAMPLING), 0), max(int((u + 3 * wide) / STREAK_DOWNSAMPLING) + 2, 0)
-        )
+        first, last = (max(int((u + reach) / STREAK_DOWNSAMPLING), -2) for reach in (-3 * wide, 3 * wide))
+        at = slice(max(first, 0), last + 2)
         streak = np.exp(-((columns[:, at] - u) ** 2) / (2 * wide**2) - (rows[:, at] - v) ** 2 / (2 * long**2))
         layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(np.float32)
     layer = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR)[height - len(share) :]

@@ -22,13 +22,7 @@ import numpy as np
 
 from benchmark.consistency import consistency
 from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
-from benchmark.evaluation import (
-    PreparedDrive,
-    choose_drives,
-    prepare_drive,
-    read_truth,
-    run_systems,
-)
+from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
 from benchmark.real_roads import WAYS, ScoredLane, add_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER

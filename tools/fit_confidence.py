@@ -240,12 +240,8 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, group: str) -> list[Sampl
 
 def samples_of_roads(task: tuple[RoadSet, str]) -> list[Sample]:
     """Samples of a labelled set of real roads, in one of the ways to look at it."""
-    scored = score_set(task, TrackerSettings())
-    return [
-        Sample(REAL, task[0].name, one.lane.features, one.score.right)
-        for one in scored
-        if one.lane and one.score.right is not None
-    ]
+    scored = [one for one in score_set(task, TrackerSettings()) if one.lane and one.score.right is not None]
+    return [Sample(REAL, task[0].name, one.lane.features, one.score.right) for one in scored]
 
 
 def samples_of_no_road(kind: str) -> list[Sample]:

@@ -202,9 +202,8 @@ def with_border(drive: Drive, rng: np.random.Generator) -> Drive:
         return side * (edge_m - lateral_m) > margin_m
 
     markings = tuple(m for m in drive.markings if is_inside(m.lateral_m, 1.0))
-    kept = tuple(
-        o for o in drive.objects if not isinstance(o, PlacedWall) or is_inside(o.lateral_m) or o.kind == "bank"
-    )
+    objects = drive.objects
+    kept = tuple(o for o in objects if not isinstance(o, PlacedWall) or is_inside(o.lateral_m) or o.kind == "bank")
     wall = BORDER_WALLS[rng.integers(len(BORDER_WALLS))]
     walls = (PlacedWall(edge_m, wall, seed=int(rng.integers(100))),) if wall else ()
     edge = {"left_edge_m": edge_m, "opposite_m": None} if side > 0 else {"right_edge_m": edge_m}
@@ -222,10 +221,8 @@ def with_gaps(markings: tuple[Marking, ...], station_m: float, rng: np.random.Ge
             continue
         start_m = station_m + rng.uniform(3, 30)
         end_m = start_m + rng.uniform(*GAP_M)
-        parts += [
-            replace(marking, end_m=min(marking.end_m, start_m)),
-            replace(marking, start_m=max(marking.start_m, end_m)),
-        ]
+        parts.append(replace(marking, end_m=min(marking.end_m, start_m)))
+        parts.append(replace(marking, start_m=max(marking.start_m, end_m)))
     return tuple(m for m in parts if m.start_m < m.end_m)
 
 

@@ -194,13 +194,9 @@ def check_lane_width(
             drawn[rows, round(share * columns) :][:, :LINE_WIDTH_PX] = 255
     answers = tried(lane_width(binary.copy())), lane_width(drawn.copy())
     width_m, drawn_m = (np.nan if answer is None or np.ndim(answer) else float(answer) for answer in answers)
-    require(
-        np.isfinite([width_m, drawn_m]).all(), "return one number for each binary, the width in metres; NaN is none."
-    )
-    require(
-        abs(width_m - drawn_m) >= 0.005,
-        f"{width_m:.2f} m, and the same for a narrower lane. Compute it from the argument `binary`.",
-    )
+    require(np.isfinite([width_m, drawn_m]).all(), "return one number for each binary, the width in metres, no NaN.")
+    same = f"{width_m:.2f} m, and the same for a narrower lane. Compute it from the argument `binary`."
+    require(abs(width_m - drawn_m) >= 0.005, same)
     across_m = metres_per_pixel(warp, camera)[0]
     _require_width(width_m, lane_histogram(binary), across_m, f"{width_m:.2f} m for this lane. ")
     _require_width(drawn_m, lane_histogram(drawn), across_m, f"{drawn_m:.2f} m for a drawn, narrower lane. ")
@@ -412,9 +408,8 @@ def _judge_drive(before: np.ndarray, after: np.ndarray, truth: Mapping[str, np.n
     if truth is None:
         return f"{found:.0%} of the frames have a lane (no truth known for this video)."
     worst_before, worst = (float(np.nanmax(np.abs(offset_m - curves["truth"]))) for offset_m in (before, after))
-    require(
-        worst <= OFFSET_TOLERANCE_M, f"the offset is still wrong by {worst:.1f} m. Which pair does it believe there?"
-    )
+    wrong = f"the offset is still wrong by {worst:.1f} m. Which pair does it believe there?"
+    require(worst <= OFFSET_TOLERANCE_M, wrong)
     return (
         f"the offset was wrong by up to {worst_before:.1f} m, now by {worst:.1f} m; {found:.0%} of the frames have a "
         "lane."

@@ -295,13 +295,12 @@ class FilteredDrive:
 def draw_filtered_drive(drive: FilteredDrive) -> None:
     """12.2: the offset over time, all of it and enlarged."""
     figure, axes = new_figure(2, 1, (12, 6), sharex=True)
+    blue = rgb(RIGHT_COLOUR)
     # a filter that diverges leaves the axes, whose limits are fixed
     offset_m, band_m = np.clip(drive.offset_m, -99, 99), np.minimum(2 * drive.std_m, 99)
     for axis, limit_m in zip(axes, (4.6, 0.8), strict=True):
-        axis.fill_between(
-            drive.times_s, offset_m - band_m, offset_m + band_m, color=rgb(RIGHT_COLOUR), alpha=0.25, lw=0
-        )
-        axis.plot(drive.times_s, offset_m, color=rgb(RIGHT_COLOUR), label="your filter, ± 2 standard deviations")
+        axis.fill_between(drive.times_s, offset_m - band_m, offset_m + band_m, color=blue, alpha=0.25, lw=0)
+        axis.plot(drive.times_s, offset_m, color=blue, label="your filter, ± 2 standard deviations")
         axis.plot(drive.times_s, drive.true_m, label="truth", **TRUTH_LOOK)
         for used, look, colour, label in ((True, ".", LANE_COLOUR, "accepted"), (False, "x", LEFT_COLOUR, "rejected")):
             chosen = drive.accepted == used

@@ -60,9 +60,8 @@ def require_occlusion(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camera
     expected = size[:, :, 0].max(axis=1)
     if np.allclose(mine, expected, rtol=0, atol=CLOSE_M):
         return
-    require(
-        moved_m.any(), "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
-    )
+    same = "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
+    require(moved_m.any(), same)
     mistakes = {
         "this is the left line alone. Take the larger of both.": size[:, 0, 0],
         "this is the right line alone. Take the larger of both.": size[:, 1, 0],
@@ -135,10 +134,8 @@ def check_occlusion_map(
     if (lane := find_lane(image, camera)) is None:
         raise HintError("there is no lane in this image; take another one.")
     draw_occlusion(draw_lane(image, lane, camera, style="lines"), moved_m)
-    require(
-        np.array_equal(given, image),
-        "you cover the image itself, so the squares add up. Begin with image.copy() for each square.",
-    )
+    same = "you cover the image itself, so the squares add up. Begin with image.copy() for each square."
+    require(np.array_equal(given, image), same)
     require_occlusion(moved_m, image, lane, camera)
     row, column = np.unravel_index(moved_m.argmax(), SHAPE)
     return (
@@ -204,9 +201,7 @@ LEAST_ACCURACY, MOST_WRONG, HAIRPINS = 0.9, 0.2, "harder-challenge"
 def check_honest_finder(find: OwnFinder) -> str:
     """15.1: a finder that is right on good roads, and returns None in hairpins instead of a wrong lane."""
     if used := {"find_lane", "LaneTracker", "track"} & set(find.__code__.co_names):
-        raise HintError(
-            f"{min(used)} is the engine. Build your finder from your own parts: joint_finder and your mask."
-        )
+        raise HintError(f"{min(used)} is the engine. Build your finder from your parts: joint_finder and your mask.")
     videos = [PROJECT_ROOT / "test_videos" / file for file in COMMITTED.values()]
     first = (find(next(read_video(video)), load_camera(video.with_suffix(".yaml"))) for video in videos)
     tried(next((lines for lines in first if lines is not None), None))

@@ -168,9 +168,8 @@ class RoadLight:
 
     def luminance(self, s_m: np.ndarray) -> np.ndarray:
         """Luminance (N,) of the road at arc lengths (N,), averaged over the lane."""
-        light = np.mean(
-            [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M], axis=0
-        )
+        lights = [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M]
+        light = np.mean(lights, axis=0)
         zones = sorted(self.surface.zones, key=lambda zone: zone.start_m)
         which = np.searchsorted([zone.start_m for zone in zones[1:]], s_m, side="right")
         colours = np.array([MATERIALS[zone.material].colour for zone in zones], np.float32)

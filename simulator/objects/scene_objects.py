@@ -83,11 +83,8 @@ def objects_in_view(
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
     points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
     headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.path_heading_rad(time_s) for p in others])
-    ahead = [
-        _moved(p.item, place, heading)
-        for p, place, heading in zip(others, points, headings, strict=True)
-        if _in_reach(p.item, place)
-    ]
+    places = zip(others, points, headings, strict=True)
+    ahead = [_moved(p.item, place, heading) for p, place, heading in places if _in_reach(p.item, place)]
     bridges = [part for p in placed if isinstance(p, Overpass) for part in p.slices_at(road, pose)]
     return [wall for wall in walls if wall is not None] + bridges + ahead
 

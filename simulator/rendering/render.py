@@ -45,13 +45,7 @@ from simulator.road.ground import MAX_GROUND_M, Ground, RoadAhead, cast_on_groun
 from simulator.road.markings import paint_markings
 from simulator.road.surface import ground_albedo
 from simulator.road.truth import Truth, truth_row, write_truth_csv
-from simulator.weather import (
-    add_falling_drops,
-    add_lamp_reflections,
-    add_lamps,
-    add_windscreen_drops,
-    visible_lamps,
-)
+from simulator.weather import add_falling_drops, add_lamp_reflections, add_lamps, add_windscreen_drops, visible_lamps
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)

@@ -383,10 +383,8 @@ def strip_coverage(d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: f
 def dash_coverage(s: np.ndarray, footprint: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
     """Share of [s - footprint/2, s + footprint/2] that is painted; dashes begin at multiples of the period."""
     footprint = np.maximum(footprint, np.float32(1e-4))
-    painted = _painted_until(s + footprint / 2, paint_m, period_m) - _painted_until(
-        s - footprint / 2, paint_m, period_m
-    )
-    return np.clip(painted / footprint, 0, 1)
+    start, end = (_painted_until(s + half, paint_m, period_m) for half in (-footprint / 2, footprint / 2))
+    return np.clip((end - start) / footprint, 0, 1)
 
 
 def _painted_until(s: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:

@@ -152,9 +152,8 @@ def oncoming_cars(
     for s in np.arange(*s_m, 45.0):
         paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
         lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_WIDTH_M * (0.5 + float(rng.integers(3)))
-        cars.append(
-            PlacedObject(float(s + rng.uniform(-15, 15)), lateral, Car(paint, body, heading_rad=np.pi), -speed_mps)
-        )
+        place_m = float(s + rng.uniform(-15, 15))
+        cars.append(PlacedObject(place_m, lateral, Car(paint, body, heading_rad=np.pi), -speed_mps))
     return tuple(cars)
 
 

@@ -14,15 +14,7 @@ from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
 from simulator.road.surface import Patch, Seam, Zone
-from simulator.scenes.freeway import (
-    LANE_WIDTH_M,
-    Freeway,
-    car,
-    daylight,
-    freeway_drive,
-    oncoming_cars,
-    plant_trees,
-)
+from simulator.scenes.freeway import LANE_WIDTH_M, Freeway, car, daylight, freeway_drive, oncoming_cars, plant_trees
 
 # Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
@@ -244,12 +236,7 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
     return motorway_drive(
-        replace(
-            MOTORWAY,
-            pavement="old asphalt",
-            lanes_right=1,
-            patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
-        ),
+        replace(MOTORWAY, pavement="old asphalt", lanes_right=1, patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),)),
         markings=(*old, *new),
         objects=roadside(
             PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28), PlacedWall(-7.4, "jersey", seed=29), *CARS

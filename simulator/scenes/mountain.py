@@ -116,9 +116,8 @@ def _hairpin_right() -> Drive:
 def _switchback() -> Drive:
     road = winding_road((26.0, 110.0), (-20.0, 120.0), straight_m=6.0)
     shades = tuple(TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0))
-    return mountain_drive(
-        road, Motion(18.0, 9.0, offset_m=0.1, wander_m=0.2, wander_period_s=4.0), shades=shades, seed=153
-    )
+    motion = Motion(18.0, 9.0, offset_m=0.1, wander_m=0.2, wander_period_s=4.0)
+    return mountain_drive(road, motion, shades=shades, seed=153)
 
 
 def _mountain_bends() -> Drive:

@@ -168,9 +168,7 @@ def _overcast() -> dict:
 
 def _with(drive: Drive, *others: PlacedObject) -> Drive:
     """The drive with other vehicles instead of those on the car's carriageway."""
-    kept = tuple(
-        p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
-    )
+    kept = [p for p in drive.objects if not (isinstance(p, PlacedObject) and p.speed_mps > 0)]
     return replace(drive, objects=(*kept, *others))
 
 
@@ -192,10 +190,7 @@ def _cut_in() -> Drive:
 
 def _lorry() -> Drive:
     path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
-    others = (
-        PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path),
-        PlacedObject(80.0, 0.0, Car("red"), 29.0),
-    )
+    others = (PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path), PlacedObject(80.0, 0.0, Car("red"), 29.0))
     return _with(plain_motorway(431), *others)
 
 
