@@ -97,7 +97,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _score_labelled(options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
-    from benchmark import labelled_stills as stills
+    from benchmark import real_roads as stills
     from benchmark.systems import STILL_SYSTEMS
     from lanes.labels import read_labels
 

@@ -141,8 +141,9 @@ def real_cells(off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) 
     """Cells of the table from lanes of the same labels, in each of the `WAYS`, without and with a mechanism."""
     cells = []
     for some in zip(off, on, strict=True):
-        points = [summarize([one.score for one in scored])["ego accuracy"] for scored in some]
-        right = [sum(bool(s.score.right) for s in scored) for scored in some]
+        scores = [[one.score for one in scored] for scored in some]
+        points = [summarize(of_way)["ego accuracy"] if of_way else np.nan for of_way in scores]
+        right = [sum(bool(score.right) for score in of_way) for of_way in scores]
         cells += [f"{100 * (points[0] - points[1]):+.1f}", f"{right[0]} of {len(some[1])}"]
     return cells
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import z_summary
-from benchmark.labelled_stills import LABEL_STD_PX, all_z, score_lane
-from benchmark.real_roads import WAYS, describe, read_road_sets, score_set
+from benchmark.real_roads import LABEL_STD_PX, WAYS, all_z, describe, read_road_sets, score_lane, score_set
 from lanes.camera import save_camera
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
