@@ -35,12 +35,8 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command."""
-    parser.add_argument(
-        "scenes",
-        nargs="*",
-        metavar="SCENE",
-        help="scene of the suite (default: all), or video with its truth (.csv) and camera (.yaml) next to it",
-    )
+    scenes = "scene of the suite (default: all), or video with its truth (.csv) and camera (.yaml) next to it"
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=scenes)
     parser.add_argument("--list", action="store_true", help="list the scenes and exit")
     parser.add_argument(
         "--system",

@@ -182,11 +182,8 @@ def recovery_lengths(correct: np.ndarray) -> list[int]:
 def _errors_against(estimates: DriveEstimates, truth: LaneTruth) -> dict[str, np.ndarray]:
     """The errors that depend on which lane counts as the ego lane."""
     error = line_errors(estimates, truth)
-    errors = {
-        "lateral_m": np.fmax(error[:, 0], error[:, 1]),
-        "near_rms_m": worse_rms(error[..., NEAR]),
-        "full_rms_m": worse_rms(error),
-    }
+    worse_m = np.fmax(error[:, 0], error[:, 1])
+    errors = {"lateral_m": worse_m, "near_rms_m": worse_rms(error[..., NEAR]), "full_rms_m": worse_rms(error)}
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)
     return errors

@@ -215,10 +215,7 @@ def read_road_sets(folder: Path, lens: Camera | None = None) -> list[RoadSet]:
         drive = Path(label.name).stem.split("_")[0]
         name = f"{label.folder}/{drive}_" if label.folder == "stills" else label.folder
         sets.setdefault(name, []).append((label, frame))
-    return [
-        RoadSet(name, folder, tuple(label for label, _ in some), tuple(frame for _, frame in some), lens)
-        for name, some in sorted(sets.items())
-    ]
+    return [RoadSet(name, folder, *map(tuple, zip(*some, strict=True)), lens) for name, some in sorted(sets.items())]
 
 
 def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:

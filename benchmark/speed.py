@@ -69,11 +69,8 @@ def describe_speed(video: Path) -> str:
     with closing(read_video(video)) as frames:
         of_frames = time_frames(list(islice(frames, FRAMES)), camera)
     of_files = time_files(video, camera)
-    frame_cells = {name: [f"{t.undistorts:.2f}", f"{t.mean:.2f}", f"{t.ms:.1f}"] for name, t in of_frames.items()}
-    file_cells = {
-        name: [f"{t.wall_ms:.1f}", f"{t.cpu_ms:.1f}", f"{t.wall_ratio:.2f}", f"{t.cpu_ratio:.2f}"]
-        for name, t in of_files.items()
-    }
+    tables = ({name: [f"{x:.2f}" for x in some] for name, some in of.items()} for of in (of_frames, of_files))
+    frame_cells, file_cells = tables
     return (
         f"{format_table(['undistorts', 'mean', 'ms'], frame_cells)}\n{LEGEND}\n"
         f"{format_table(['ms per frame', 'CPU ms', 'ratio', 'CPU ratio'], file_cells)}\n"

@@ -148,12 +148,8 @@ def true_corners(view: BoardView) -> np.ndarray:
 def _board_truth(view: BoardView) -> dict:
     corners, size = true_corners(view), view.size
     inside = ((corners >= 0) & (corners <= np.subtract(size, 1))).all(axis=1)
-    return {
-        "width": size[0],
-        "height": size[1],
-        "corners_px": np.round(corners, 3).tolist(),
-        "inside": inside.astype(int).tolist(),
-    }
+    known = {"corners_px": np.round(corners, 3).tolist(), "inside": inside.astype(int).tolist()}
+    return {"width": size[0], "height": size[1]} | known
 
 
 def _board_pose(view: BoardView) -> tuple[np.ndarray, np.ndarray]:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.consistency import consistency
-from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
+from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, joined, normalize_errors
 from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
 from benchmark.real_roads import WAYS, ScoredLane, add_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
@@ -124,11 +124,9 @@ def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None
 
 def rendered_cells(off: Sequence[Measurement], on: Sequence[Measurement]) -> list[str]:
     """Cells of the table from measurements of the same rendered drives without and with a mechanism."""
-    correct_off, correct_on, exists = (
-        np.concatenate([getattr(one.errors, name) for one in some])
-        for some, name in ((off, "correct"), (on, "correct"), (on, "exists"))
-    )
-    gained = 100.0 * (correct_off.astype(int) - correct_on)[exists]
+    without, usual = joined([one.errors for one in off]), joined([one.errors for one in on])
+    exists = usual.exists
+    gained = 100.0 * (without.correct.astype(int) - usual.correct)[exists]
     clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
     low, high = mean_interval(gained, clusters)
     row = score([one.errors for one in off])

@@ -375,10 +375,8 @@ def check_sanity(
     `follow` gives the offset of each frame between two times, for a memory with a sanity check.
     """
     left, right = lane
-    require(
-        tried(is_plausible(left, right)),
-        "it refuses the lane of chapter 7. The width of a lane is about 3.7 m, give or take half a metre.",
-    )
+    refused = "it refuses the lane of chapter 7. The width of a lane is about 3.7 m, give or take half a metre."
+    require(tried(is_plausible(left, right)), refused)
     spread = np.add(left, (0, 0.35, -0.35 * 719))
     bend = np.array([4.5e-3, -2 * 4.5e-3 * 719, 4.5e-3 * 719**2])
     width = np.array([0, 0, np.polyval(np.subtract(left, right), 719)])

@@ -212,10 +212,8 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     `sun` (rows, width) is the share of sunlight, `sun_direction` (3,) points towards the sun in the road frame,
     `height_m` is that of the camera. Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
     """
-    x, y = (
-        cv2.resize(a, None, fx=1 / SHEEN_DOWNSAMPLING, fy=1 / SHEEN_DOWNSAMPLING, interpolation=cv2.INTER_AREA)
-        for a in (ground.x, ground.y)
-    )
+    scale = {"fx": 1 / SHEEN_DOWNSAMPLING, "fy": 1 / SHEEN_DOWNSAMPLING, "interpolation": cv2.INTER_AREA}
+    x, y = (cv2.resize(a, None, **scale) for a in (ground.x, ground.y))
     to_eye: np.ndarray = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
     half: np.ndarray = to_eye + sun_direction.astype(np.float32)

@@ -117,12 +117,8 @@ class Wall:
             # The height of the cutting falls to 0 at its end.
             step = np.hypot(*np.diff(path, axis=0).T)
             rise *= smoothstep(0, 80, np.concatenate([np.cumsum(step[::-1])[::-1], [0]]))
-        return np.stack(
-            [
-                np.column_stack([path + outward * lateral, height * rise + ground_height_m])
-                for lateral, height in WALLS[self.kind].lines
-            ]
-        )
+        profile = WALLS[self.kind].lines
+        return np.stack([np.column_stack([path + outward * out, up * rise + ground_height_m]) for out, up in profile])
 
     def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
         """Shadow on the ground as quadrilaterals; none for a bank (ground) and a wood (transparent)."""

@@ -336,15 +336,8 @@ def _encode(
     # Imported here, because it is slow and only rendering needs it.
     import imageio_ffmpeg
 
-    writer = imageio_ffmpeg.write_frames(
-        str(path),
-        drive.camera.size,
-        fps=VIDEO_FPS,
-        codec="libx264",
-        quality=None,
-        macro_block_size=1,
-        output_params=[*quality, *ENCODER],
-    )
+    how = {"fps": VIDEO_FPS, "codec": "libx264", "quality": None, "macro_block_size": 1}
+    writer = imageio_ffmpeg.write_frames(str(path), drive.camera.size, **how, output_params=[*quality, *ENCODER])
     rows = []
     frames = map_ordered(partial(_video_frame, drive), range(count), workers=workers)
     with closing(writer), closing(frames):

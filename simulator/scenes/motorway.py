@@ -72,7 +72,8 @@ def project_video() -> Drive:
     )
 
 
-# Barrier, bank and cars of `motorway_drive`.
+# Motion, barrier, bank and cars of `motorway_drive`.
+MOTION = Motion(0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22)))
 BARRIER, BANK = PlacedWall(4.4, "jersey", seed=25), PlacedWall(-18.0, "bank", seed=26)
 # Barriers farther away, and close beside a joint of the pavement; see `joint_fields`.
 FAR_BARRIER = replace(BARRIER, lateral_m=8.1)
@@ -92,19 +93,18 @@ def roadside(barrier: PlacedWall = BARRIER, *more: PlacedObject | PlacedWall | O
     )
 
 
-def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = 0.15, **changes) -> Drive:
+def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = MOTION.offset_m, **changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
     The car is in the leftmost of four lanes, between solid yellow and broken white, at `offset_m`. A barrier and the
     opposite carriageway are to the left; there are some traffic and a grassy bank.
     """
-    sway = {"wander_m": 0.2, "wander_period_s": 5.0, "pitch_rad": float(np.radians(0.22))}
     usual = {
         "road": RoadGeometry(
             [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
         ),
         "objects": roadside(),
-        "motion": Motion(0.0, 25.0, offset_m=offset_m, **sway),
+        "motion": replace(MOTION, offset_m=offset_m),
         "seed": 131,
     }
     return freeway_drive(freeway, **usual | daylight(60, 48, cloud_cover=0.3, tree_density=0.7) | changes)
@@ -128,7 +128,7 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     return {
         "surface": freeway.surface(),
         "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
-        "motion": replace(motorway_drive().motion, offset_m=0.12, wander_m=0.05),
+        "motion": replace(MOTION, offset_m=0.12, wander_m=0.05),
         "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
     }
 
@@ -201,9 +201,7 @@ def _botts_dots() -> Drive:
 def _lane_change() -> Drive:
     return motorway_drive(
         line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
-        motion=replace(
-            motorway_drive().motion, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6
-        ),
+        motion=replace(MOTION, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6),
         objects=roadside(BARRIER, car(60.0, 0, "red", speed_mps=22.0)),
         seed=138,
     )
@@ -241,7 +239,7 @@ def _construction() -> Drive:
         objects=roadside(
             PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28), PlacedWall(-7.4, "jersey", seed=29), *CARS
         ),
-        motion=replace(motorway_drive().motion, speed_mps=20.0),
+        motion=replace(MOTION, speed_mps=20.0),
         seed=140,
     )
 
@@ -278,11 +276,8 @@ def challenge_video() -> Drive:
     the bridge and one after it.
     """
     bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12)
-    joint = joint_fields(
-        Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
-        Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
-        patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),),
-    )
+    seams = Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6), Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6)
+    joint = joint_fields(*seams, patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),))
     return motorway_drive(
         road=RoadGeometry(
             [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],

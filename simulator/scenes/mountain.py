@@ -1,4 +1,4 @@
-"""Mountain scenes of the suite: bends, hairpins, crests and dips."""
+"""Mountain scenes of the suite (bends, hairpins, crests and dips), and a country road."""
 
 from __future__ import annotations
 
@@ -78,6 +78,33 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
         **daylight(50, 50, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
     )
     return replace(drive, **changes)
+
+
+def country_road_drive(seed: int, **changes) -> Drive:
+    """Two-lane road through a wood, R 170 m left, then 140 m right; `changes` are fields of Drive."""
+    middle, edge = 1.75, -1.75
+    trees = tuple(
+        item
+        for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
+        for item in plant_trees(
+            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
+        )
+    )
+    return Drive(
+        camera=DASHCAM,
+        road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
+        # The inner stripe of the double line bounds the lane, as in manual labels.
+        line_laterals_m=(middle - 0.10, edge),
+        markings=(
+            Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
+            Marking(edge, 0.10, WHITE, wear=0.2),
+            Marking(middle + 3.5, 0.10, WHITE, wear=0.2),
+        ),
+        surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
+        motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
+        seed=seed,
+        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
+    )
 
 
 def wood_edges(end_m: float, *, rock: bool = False) -> tuple[PlacedObject | PlacedWall, ...]:
