@@ -105,7 +105,9 @@ def _score_labelled(options: argparse.Namespace) -> None:
         systems = options.system or STILL_SYSTEMS
         folders.append(stills.score_folder(some, options.files, lens, systems, markings=settings.markings))
         lanes = stills.summarize_lanes(folders[-1].engine)
-        print(f"{name}: {len(some)} stills; {lanes}" if name else folders[-1].describe_pose())
+        pose = folders[-1].estimate
+        said = pose.describe() if pose else "camera pose: that of the camera file"
+        print(f"{name}: {len(some)} stills; {lanes}" if name else said)
     print(stills.describe_labelled(folders))
     if every := [lane for folder in folders for lane in folder.engine]:
         print(f"\n{stills.describe_lanes(every)}\n")

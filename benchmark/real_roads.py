@@ -83,10 +83,6 @@ class LabelledFolder:
     engine: list[ScoredLane]
     estimate: PoseEstimate | None
 
-    def describe_pose(self) -> str:
-        """The estimated pose in words."""
-        return self.estimate.describe() if self.estimate else "camera pose: that of the camera file"
-
 
 def score_folder(
     labels: Sequence[LaneColumns],
@@ -215,7 +211,8 @@ def read_road_sets(folder: Path, lens: Camera | None = None) -> list[RoadSet]:
         drive = Path(label.name).stem.split("_")[0]
         name = f"{label.folder}/{drive}_" if label.folder == "stills" else label.folder
         sets.setdefault(name, []).append((label, frame))
-    return [RoadSet(name, folder, *map(tuple, zip(*some, strict=True)), lens) for name, some in sorted(sets.items())]
+    labels_frames = {name: tuple(zip(*some, strict=True)) for name, some in sorted(sets.items())}
+    return [RoadSet(name, folder, labels, frames, lens) for name, (labels, frames) in labels_frames.items()]
 
 
 def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:

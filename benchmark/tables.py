@@ -120,18 +120,14 @@ def _markdown_cell(row: Row, best: bool) -> str:
         interval = ""
         if row["scene"] == total_name(row["difficulty"]) and "accuracy_low" in row:
             interval = f" {describe_interval(float(row['accuracy_low']), float(row['accuracy_high']))}"
-        text = f"{row['accuracy']:.1%}{interval}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
+        error_m = float(row["lateral_5_20m_p95_m"])
+        text = f"{row['accuracy']:.1%}{interval}, {'lost' if math.isnan(error_m) else f'{error_m:.2f} m'}"
     return f"**{text}**" if best else text
 
 
 def describe_interval(low: float, high: float) -> str:
     """An interval of a share in whole percent, rounded outwards: "(93-99)"."""
     return f"({math.floor(round(100 * low, 6))}-{math.ceil(round(100 * high, 6))})"
-
-
-def _describe_distance(error_m: float) -> str:
-    """An error in words; NaN means that no lane was available."""
-    return "lost" if math.isnan(error_m) else f"{error_m:.2f} m"
 
 
 def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:
@@ -186,15 +182,11 @@ def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
     for kind, group in groupby(frame_kinds(errors)):
         end = at + len(list(group))
         if kind != CORRECT:
-            spans.append(f"{kind}{_largest_error(errors.near_rms_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
+            worst_m = np.nanmax(errors.near_rms_m[at:end], initial=-np.inf)
+            by = f" by {worst_m:.2f} m" if worst_m >= 0 else ""
+            spans.append(f"{kind}{by} {at / fps:.2f}-{end / fps:.2f} s")
         at = end
     return spans
-
-
-def _largest_error(near_rms_m: np.ndarray) -> str:
-    """The largest error in words; empty if all are NaN."""
-    worst_m = np.nanmax(near_rms_m, initial=-np.inf)
-    return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
 
 
 def frame_kinds(errors: FrameErrors) -> list[str]:

@@ -55,13 +55,6 @@ def fractal_noise(
     return total
 
 
-def fractal_profile(
-    length: int, rng: np.random.Generator, *, cell_px: float, octaves: int = 7, gain: float = 0.5
-) -> np.ndarray:
-    """Periodic 1-D fractal noise (length,) float32, mean 0, standard deviation 1; see `fractal_noise`."""
-    return fractal_noise((1, length), rng, cell_px=(cell_px, cell_px), octaves=octaves, gain=gain)[0]
-
-
 def smoothstep(low: np.ndarray | np.floating | float, high: np.floating | float, x: np.ndarray) -> np.ndarray:
     """Smooth step: 0 below `low`, 1 above `high`, a cubic between."""
     t = np.clip((x - low) / (high - low), 0, 1)

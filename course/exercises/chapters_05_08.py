@@ -83,9 +83,8 @@ def explain_wrong(rating: PaintRating, warp: FourPointWarp, camera: Camera) -> s
     beside = rating.beside.astype(np.uint8)
     wide = cv2.morphologyEx(beside, cv2.MORPH_OPEN, np.ones((1, round(WIDE_M / across_m)), np.uint8))
     if 2 * wide.sum() > beside.sum():
-        return (
-            f"Most of the red shapes are wider than a line, which has about {round(LINE_M / across_m, -1):.0f} columns."
-        )
+        columns = round(LINE_M / across_m, -1)
+        return f"Most of the red shapes are wider than a line, which has about {columns:.0f} columns."
     return "Most of the red shapes are as narrow as a line. But are they as long as a dash?"
 
 
@@ -94,16 +93,12 @@ def explain_missing(rating: PaintRating, warp: FourPointWarp, camera: Camera) ->
     across_m, along_m = metres_per_pixel(warp, camera)
     yellow, white = rating.each_recall
     if yellow < 0.8:
-        return f"Of the solid yellow line it finds only {yellow:.0%}. A line has about {_columns(across_m)} columns."
+        columns = round(LINE_M / across_m, -1)
+        return f"Of the solid yellow line it finds only {yellow:.0%}. A line has about {columns:.0f} columns."
     return (
         f"Of the white dashes it finds too little ({white:.0%} of their line). Is a threshold too high? Or an opening "
         f"too long? A dash has {DASH_M / along_m:.0f} rows, but it leans, so that each of its columns is shorter."
     )
-
-
-def _columns(across_m: float) -> int:
-    """The width of a line in columns, in tens."""
-    return int(round(LINE_M / across_m, -1))
 
 
 def draw_paint(above: np.ndarray, rating: PaintRating) -> None:

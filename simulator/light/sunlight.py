@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from statistics import NormalDist
+from typing import Any
 
 import cv2
 import numpy as np
@@ -212,7 +213,7 @@ def add_sheen(light: np.ndarray, ground: Ground, sun: np.ndarray, sun_direction:
     `sun` (rows, width) is the share of sunlight, `sun_direction` (3,) points towards the sun in the road frame,
     `height_m` is that of the camera. Beckmann microfacet distribution with Schlick's approximation of the Fresnel term.
     """
-    scale = {"fx": 1 / SHEEN_DOWNSAMPLING, "fy": 1 / SHEEN_DOWNSAMPLING, "interpolation": cv2.INTER_AREA}
+    scale: Any = {"fx": 1 / SHEEN_DOWNSAMPLING, "fy": 1 / SHEEN_DOWNSAMPLING, "interpolation": cv2.INTER_AREA}
     x, y = (cv2.resize(a, None, **scale) for a in (ground.x, ground.y))
     to_eye: np.ndarray = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)

@@ -59,18 +59,13 @@ class Motion:
         part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
         lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
         aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
-        station, speed = self._progress(time_s)
+        station, speed = self.progress(time_s)
         heading = self.heading_rad
         if speed:
             heading += float(np.arctan(aside / speed))
         return VehiclePose(station, float(lateral), heading)
 
-    def lag_m(self, time_s: float) -> float:
-        """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
-        _, speed = self._progress(time_s)
-        return self.rear_axle_m * (1 - (speed / TANGENT_MPS) ** 2)
-
-    def _progress(self, time_s: float) -> tuple[float, float]:
+    def progress(self, time_s: float) -> tuple[float, float]:
         """Arc length and speed at a time."""
         if not self.later_speeds:
             return self.start_m + self.speed_mps * time_s, self.speed_mps
@@ -127,7 +122,9 @@ class Drive:
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
             return pose
-        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.lag_m(time_s))
+        # from the camera back to the point of the car that moves along the car's longitudinal axis
+        back_m = self.motion.rear_axle_m * (1 - (self.motion.progress(time_s)[1] / TANGENT_MPS) ** 2)
+        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - back_m)
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:

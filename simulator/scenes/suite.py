@@ -13,7 +13,6 @@ from platformdirs import user_cache_path
 
 import simulator
 from lanes import camera
-from lanes.camera import CameraPose
 from lanes.files import hash_sources
 from lanes.images import write_image
 from simulator.processes import run_all
@@ -137,19 +136,19 @@ def vary_drive(drive: Drive, seed: int) -> Drive:
     if not seed:
         return drive
     rng = np.random.default_rng([drive.seed, seed])
-    camera = drive.camera.with_pose(_vary_pose(drive.camera.require_pose(), rng))
-    road = _scale_road(drive.road, rng.uniform(*ROAD_SCALE))
+    pose, road = drive.camera.require_pose(), drive.road
+    height_m = pose.height_m * rng.uniform(*CAMERA_HEIGHT)
+    pitch_rad, yaw_rad = np.array([pose.pitch_rad, pose.yaw_rad]) + rng.normal(0, CAMERA_ANGLE_STD_RAD, 2)
+    camera = drive.camera.with_pose(replace(pose, height_m=height_m, pitch_rad=pitch_rad, yaw_rad=yaw_rad))
+    # a road of another size has the same slopes
+    scale = rng.uniform(*ROAD_SCALE)
+    profile = replace(road.profile, stations_m=road.profile.stations_m * scale)
+    road = RoadGeometry(road.stations_m * scale, road.values / scale, profile)
     motion, exposure = _vary_motion(drive.motion, rng), drive.lens.exposure + rng.normal(0, EXPOSURE_STD_STOPS)
     lens = replace(drive.lens, exposure=exposure, noise=drive.lens.noise * rng.uniform(*NOISE))
     markings = tuple(replace(m, wear=m.wear * rng.uniform(*WEAR)) for m in drive.markings)
     seed = drive.seed + 10_000 * seed
     return replace(drive, road=road, motion=motion, camera=camera, lens=lens, markings=markings, seed=seed)
-
-
-def _scale_road(road: RoadGeometry, scale: float) -> RoadGeometry:
-    """The road enlarged by `scale`, with the same slopes."""
-    profile = replace(road.profile, stations_m=road.profile.stations_m * scale)
-    return RoadGeometry(road.stations_m * scale, road.values / scale, profile)
 
 
 def _vary_motion(motion: Motion, rng: np.random.Generator) -> Motion:
@@ -165,9 +164,3 @@ def _vary_motion(motion: Motion, rng: np.random.Generator) -> Motion:
         pitch_rad=motion.pitch_rad * rng.uniform(*PITCH_AMPLITUDE),
         pitch_period_s=motion.pitch_period_s * rng.uniform(*PERIOD),
     )
-
-
-def _vary_pose(pose: CameraPose, rng: np.random.Generator) -> CameraPose:
-    height_m = pose.height_m * rng.uniform(*CAMERA_HEIGHT)
-    pitch_rad, yaw_rad = np.array([pose.pitch_rad, pose.yaw_rad]) + rng.normal(0, CAMERA_ANGLE_STD_RAD, 2)
-    return replace(pose, height_m=height_m, pitch_rad=pitch_rad, yaw_rad=yaw_rad)
