@@ -307,7 +307,7 @@ def _summary(sets: Sequence[Sequence[StillScore]]) -> dict[str, float]:
     return {"points": float(np.mean(points)), "lowest": min(points)} | images | confident
 
 
-def add_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+def add_road_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
     """Add the options that choose labelled sets."""
     folder = "has labels.jsonl, and a folder of stills for each set"
     parser.add_argument("folder", type=Path, nargs="?" if optional else None, help=folder)
@@ -315,12 +315,17 @@ def add_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) ->
     parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add_road_arguments(parser)
+    parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
+    parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
+
+
 def main() -> None:
     """Score the sets, and print a table for each way to look at them."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     add_arguments(parser)
-    parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
-    parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
     options = parser.parse_args()
     sets = [roads for roads in read_road_sets(options.folder, options.camera) if roads.half in options.half]
     for way in [options.only] if options.only else WAYS:

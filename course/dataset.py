@@ -123,5 +123,6 @@ def open_dataset(root: str | Path | None = None) -> Dataset:
     folder = Path(named) if named else PROJECT_ROOT
     for part in ("camera_cal", "test_images"):
         if not (folder / part).is_dir():
-            raise DatasetError(f"{folder}: has no {part}/; LANES_DATA names a folder with camera_cal/, test_images/.")
+            layout = "LANES_DATA must name a folder with camera_cal/, test_images/."
+            raise DatasetError(f"{folder}: has no {part}/; {layout}")
     return Dataset(folder, PROJECT_ROOT / ("output_real" if named else "output_images"))

@@ -23,7 +23,7 @@ import numpy as np
 from benchmark.consistency import consistency
 from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, joined, normalize_errors
 from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
-from benchmark.real_roads import WAYS, ScoredLane, add_arguments, read_road_sets, score_sets
+from benchmark.real_roads import WAYS, ScoredLane, add_road_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_table
@@ -172,16 +172,21 @@ def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callabl
     return kinds
 
 
-def main() -> None:
-    """Measure and print a row for each mechanism."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    add_arguments(parser, optional=True)
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
+    add_road_arguments(parser, optional=True)
     scenes = "scenes of the suite, or videos with truth and camera (default: all scenes)"
     split = partial(str.split, sep=",")
     parser.add_argument("--scenes", type=split, default=[], metavar="NAME,...", help=scenes)
     parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
     parser.add_argument("--only", type=split, default=[], metavar="NAME,...", help="some mechanisms")
     parser.add_argument("--together", action="store_true", help="switch them off together, in one row")
+
+
+def main() -> None:
+    """Measure and print a row for each mechanism."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    add_arguments(parser)
     options = parser.parse_args()
     if unknown := set(options.only) - {mechanism.name for mechanism in MECHANISMS}:
         parser.error(f"no mechanism {', '.join(unknown)}; they are {', '.join(m.name for m in MECHANISMS)}")

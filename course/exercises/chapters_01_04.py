@@ -53,7 +53,7 @@ def check_board_errors(
     """
     boards, corners = len(seen), len(board)
     errors = require_shape(errors_px, (boards,), f"{boards} numbers are needed, one for each board")
-    same = "all boards have the same error. Each has its own; the RMS of the calibration is over all boards."
+    same = "all boards have the same error. Each board has its own; the RMS of the calibration is over all boards."
     require(np.ptp(errors) > 0, same)
     poses = zip(rotations, translations, strict=True)
     projected = np.array([cv2.projectPoints(board, *pose, matrix, distortion)[0] for pose in poses])
@@ -162,7 +162,8 @@ def check_four_points(
     try:
         warp = FourPointWarp(points, destination_px, camera.size)
     except ValueError:
-        raise HintError("the edges cross. Give the points in the order of destination_px, around the view.") from None
+        crossing = "the edges cross. Give the points in the order of destination_px, around the quadrangle."
+        raise HintError(crossing) from None
     widths = lane_widths_px(warp, camera, lines_m, MEASURED_AT_M) * metres_per_pixel(warp, camera)[0]
     near, far = warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(AHEAD_M)))
     require(

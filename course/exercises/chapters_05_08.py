@@ -189,7 +189,8 @@ def check_lane_width(
             drawn[rows, round(share * columns) :][:, :LINE_WIDTH_PX] = 255
     answers = tried(lane_width(binary.copy())), lane_width(drawn.copy())
     width_m, drawn_m = (np.nan if answer is None or np.ndim(answer) else float(answer) for answer in answers)
-    require(np.isfinite([width_m, drawn_m]).all(), "return one number for each binary, the width in metres, no NaN.")
+    numbers = "return one number for each binary, the width in metres; NaN is none."
+    require(np.isfinite([width_m, drawn_m]).all(), numbers)
     same = f"{width_m:.2f} m, and the same for a narrower lane. Compute it from the argument `binary`."
     require(abs(width_m - drawn_m) >= 0.005, same)
     across_m = metres_per_pixel(warp, camera)[0]

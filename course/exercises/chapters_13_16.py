@@ -201,7 +201,8 @@ LEAST_ACCURACY, MOST_WRONG, HAIRPINS = 0.9, 0.2, "harder-challenge"
 def check_honest_finder(find: OwnFinder) -> str:
     """15.1: a finder that is right on good roads, and returns None in hairpins instead of a wrong lane."""
     if used := {"find_lane", "LaneTracker", "track"} & set(find.__code__.co_names):
-        raise HintError(f"{min(used)} is the engine. Build your finder from your parts: joint_finder and your mask.")
+        parts = "Build your finder from your own parts: joint_finder and your mask."
+        raise HintError(f"{min(used)} is the engine. {parts}")
     videos = [PROJECT_ROOT / "test_videos" / file for file in COMMITTED.values()]
     first = (find(next(read_video(video)), load_camera(video.with_suffix(".yaml"))) for video in videos)
     tried(next((lines for lines in first if lines is not None), None))
