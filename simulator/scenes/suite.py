@@ -21,11 +21,10 @@ from simulator.rendering.render import VIDEO_CRF, VIDEO_SECONDS, Progress, rende
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.freeway import DASHCAM
+from simulator.scenes.motorway import NO_LANE, challenge_video, project_video
 from simulator.scenes.motorway import SCENES as MOTORWAY
-from simulator.scenes.motorway import challenge_video, project_video
 from simulator.scenes.mountain import SCENES as MOUNTAIN
 from simulator.scenes.mountain import harder_challenge_video
-from simulator.scenes.no_lane import SCENES as NO_LANE
 from simulator.scenes.stills import still_scenes
 from simulator.scenes.weather_and_traffic import SCENES as WEATHER_AND_TRAFFIC
 
