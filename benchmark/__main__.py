@@ -35,12 +35,8 @@ EXAMPLES = """\
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command."""
-    parser.add_argument(
-        "scenes",
-        nargs="*",
-        metavar="SCENE",
-        help="scene of the suite (default: all), or video with its truth (.csv) and camera (.yaml) next to it",
-    )
+    scenes = "scene of the suite (default: all), or video with its truth (.csv) and camera (.yaml) next to it"
+    parser.add_argument("scenes", nargs="*", metavar="SCENE", help=scenes)
     parser.add_argument("--list", action="store_true", help="list the scenes and exit")
     parser.add_argument(
         "--system",
@@ -70,8 +66,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
+    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives
     from benchmark.runner import run_benchmark
-    from benchmark.scored_drive import PROJECT_ROOT, choose_drives, list_drives
     from benchmark.speed import describe_speed
     from benchmark.systems import SYSTEMS
 
@@ -97,7 +93,7 @@ def run(options: argparse.Namespace) -> int:
 
 def _score_labelled(options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
-    from benchmark import labelled_stills as stills
+    from benchmark import real_roads as stills
     from benchmark.systems import STILL_SYSTEMS
     from lanes.labels import read_labels
 
@@ -109,15 +105,16 @@ def _score_labelled(options: argparse.Namespace) -> None:
         systems = options.system or STILL_SYSTEMS
         folders.append(stills.score_folder(some, options.files, lens, systems, markings=settings.markings))
         lanes = stills.summarize_lanes(folders[-1].engine)
-        print(f"{name}: {len(some)} stills; {lanes}" if name else folders[-1].describe_pose())
+        pose = folders[-1].estimate
+        said = pose.describe() if pose else "camera pose: that of the camera file"
+        print(f"{name}: {len(some)} stills; {lanes}" if name else said)
     print(stills.describe_labelled(folders))
     if every := [lane for folder in folders for lane in folder.engine]:
         print(f"\n{stills.describe_lanes(every)}\n")
 
 
 def _report(results: list, folder: Path) -> None:
-    from benchmark import consistency
-    from benchmark.reporting import reliability, tables
+    from benchmark import consistency, tables
     from benchmark.scores import score_rows, total_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
@@ -126,13 +123,13 @@ def _report(results: list, folder: Path) -> None:
     print(f"{tables.describe_scores(rows)}\n{tables.describe_run(rows)}")
     if stated:
         print(f"\n{consistency.consistency_table(stated)}\n{consistency.LEGEND}")
-        print(f"\n{reliability.describe_confidence(results)}")
+        print(f"\n{consistency.describe_confidence(results)}")
     if of_tracker := [result for result in results if result.system == TRACKER]:
         print(f"\nFailures of the tracker:\n{tables.describe_failures(of_tracker) or 'none'}")
     written = [
         write_telemetry(folder / "benchmark.csv", rows),
         write_telemetry(folder / "consistency.csv", stated) if stated else None,
-        reliability.save_reliability_figure(folder / "reliability.png", results),
+        consistency.save_reliability_figure(folder / "reliability.png", results),
     ]
     print(f"wrote {', '.join(str(path) for path in written if path)}")
 

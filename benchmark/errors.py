@@ -159,14 +159,8 @@ def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
     swap = np.nan_to_num(other["near_rms_m"], nan=np.inf) < np.nan_to_num(ego["near_rms_m"], nan=np.inf)
     chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in ego.items()}
     confident = estimates.available & ~(estimates.confidence < CONFIDENT)
-    return FrameErrors(
-        truth.exists,
-        estimates.available,
-        confident,
-        **chosen,
-        confidence=estimates.confidence,
-        time_ms=estimates.time_ms,
-    )
+    stated = {"confidence": estimates.confidence, "time_ms": estimates.time_ms}
+    return FrameErrors(truth.exists, estimates.available, confident, **chosen, **stated)
 
 
 def recovery_lengths(correct: np.ndarray) -> list[int]:
@@ -188,11 +182,8 @@ def recovery_lengths(correct: np.ndarray) -> list[int]:
 def _errors_against(estimates: DriveEstimates, truth: LaneTruth) -> dict[str, np.ndarray]:
     """The errors that depend on which lane counts as the ego lane."""
     error = line_errors(estimates, truth)
-    errors = {
-        "lateral_m": np.fmax(error[:, 0], error[:, 1]),
-        "near_rms_m": worse_rms(error[..., NEAR]),
-        "full_rms_m": worse_rms(error),
-    }
+    worse_m = np.fmax(error[:, 0], error[:, 1])
+    errors = {"lateral_m": worse_m, "near_rms_m": worse_rms(error[..., NEAR]), "full_rms_m": worse_rms(error)}
     for name in ("offset_m", "heading_rad", "curvature_per_m"):
         errors[name] = np.where(truth.exists, np.abs(getattr(estimates, name) - getattr(truth, name)), np.nan)
     return errors

@@ -20,12 +20,8 @@ AHEAD_M = CORRECT_AT_M
 # compared is shorter than 60 m up to 30 m ahead, because its chords are below `benchmark.errors.MAX_LINE_ANGLE_RAD`.
 ALONG_M = np.arange(0.0, 2 * AHEAD_M[-1] + 0.5, 0.5)
 # Shapes of the estimates that are not single numbers.
-SHAPES = {
-    "lines_m": (2, len(ALONG_M), 2),
-    "covariance": (4, 4),
-    "lines_y_m": (2, len(AHEAD_M)),
-    "lines_std_m": (2, len(AHEAD_M)),
-}
+_LINES = (2, len(AHEAD_M))
+SHAPES = {"lines_m": (2, len(ALONG_M), 2), "covariance": (4, 4), "lines_y_m": _LINES, "lines_std_m": _LINES}
 # What a system states in one frame: values of `DriveEstimates` by name, empty if no lane is available.
 LaneEstimate = Mapping[str, ArrayLike]
 
@@ -81,12 +77,7 @@ def write_estimates(path: Path, estimates: DriveEstimates, **metadata: object) -
 def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
     """Estimates and metadata from a file of `write_estimates`.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be read.
-    ValueError
-        If the file is damaged.
+    Raises OSError if the file cannot be read. Raises ValueError if the file is damaged.
     """
     require_file(path, "estimates")
     try:

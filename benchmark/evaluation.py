@@ -1,4 +1,8 @@
-"""Evaluation of one system on one drive: run it on every frame, then compare its estimates with the truth."""
+"""Drives with known truth (scenes of the suite, and other videos), and the evaluation of systems on them.
+
+A system runs on every frame of a drive that is prepared (rendered, with a camera); then its estimates are compared with
+the truth.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,6 @@ import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates, LaneEstimate
-from benchmark.scored_drive import NO_LANE, BenchmarkDrive, drive_from_video
 from benchmark.scores import Result, Row, score_rows
 from benchmark.systems import OwnFinder, require_system, start_system
 from lanes.camera import Camera, load_camera
@@ -21,6 +24,97 @@ from lanes.files import read_telemetry
 from lanes.pose import estimate_pose
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_timed_frames
+
+# The project's top folder, with the committed videos in test_videos/.
+PROJECT_ROOT = Path(__file__).resolve().parents[1]
+# Scenes of the suite with a committed video. It is scored instead of a new rendering, as everybody has it.
+COMMITTED = {
+    "motorway": "project_video.mp4",
+    "challenge": "challenge_video.mp4",
+    "harder-challenge": "harder_challenge_video.mp4",
+}
+NO_LANE = "no lane"
+# Difficulty of a video that is not a scene of the suite.
+CUSTOM = "custom"
+
+
+@dataclass(frozen=True)
+class BenchmarkDrive:
+    """A video with its truth (.csv) and camera (.yaml) next to it; `video` is None until it is rendered.
+
+    `seed` is the number of a scene's variant; 0 is the scene itself.
+    """
+
+    name: str
+    difficulty: str
+    description: str
+    video: Path | None
+    seed: int = 0
+
+    @property
+    def label(self) -> str:
+        """The name in tables; it includes the number of a variant."""
+        return f"{self.name}-{self.seed}" if self.seed else self.name
+
+    def require_video(self) -> Path:
+        """The video; raises FileNotFoundError if the scene is not rendered yet."""
+        if self.video is None:
+            raise FileNotFoundError(f"scene {self.name} is not rendered yet; call ensure_video first.")
+        return self.video
+
+
+def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
+    """The drive of a video file with its truth (.csv) and camera (.yaml) next to it.
+
+    Raises FileNotFoundError if the video, its truth or its camera is missing.
+    """
+    video = Path(video)
+    for file, what in ((video, "video"), (video.with_suffix(".csv"), "truth"), (video.with_suffix(".yaml"), "camera")):
+        if not file.is_file():
+            raise FileNotFoundError(
+                f"{file}: there is no such {what} file; a drive is a video with its .csv and .yaml next to it."
+            )
+    return BenchmarkDrive(video.stem, difficulty, f"{video}", video)
+
+
+def list_drives(*, seed: int = 0) -> dict[str, BenchmarkDrive]:
+    """All scenes of the suite by name, or variant number `seed` of each."""
+    # here and in `ensure_video`, because own videos are scored without the renderer
+    from simulator.scenes.suite import SUITE
+
+    drives = {}
+    for name, scene in SUITE.items():
+        committed = PROJECT_ROOT / "test_videos" / COMMITTED.get(name, "")
+        video = committed if committed.is_file() and not seed else None
+        drives[name] = BenchmarkDrive(name, scene.difficulty, scene.description, video, seed)
+    return drives
+
+
+def choose_drives(names: list[str], *, seed: int = 0) -> list[BenchmarkDrive]:
+    """Drives by scene name or video path; all scenes if the list is empty.
+
+    A video with the name of a scene gets the difficulty of that scene. `seed` is the number of the variant of each
+    scene. Raises ValueError if a name is neither a scene nor a video, and FileNotFoundError as `drive_from_video`.
+    """
+    known = list_drives(seed=seed)
+    return [known[name] if name in known else _video_drive(name, known) for name in names or known]
+
+
+def ensure_video(drive: BenchmarkDrive) -> BenchmarkDrive:
+    """The drive with its video; a missing one is rendered into the cache."""
+    if drive.video:
+        return drive
+    from simulator.scenes.suite import render_scene
+
+    # by one process, because the drives of a run are spread over the workers
+    return replace(drive, video=render_scene(drive.name, seed=drive.seed, workers=1))
+
+
+def _video_drive(name: str, known: dict[str, BenchmarkDrive]) -> BenchmarkDrive:
+    stem, suffix = Path(name).stem, Path(name).suffix
+    if not suffix:
+        raise ValueError(f"there is no scene {name!r}; give a video file, or one of {', '.join(known)}.")
+    return drive_from_video(name, difficulty=known[stem].difficulty if stem in known else CUSTOM)
 
 
 @dataclass(frozen=True)
@@ -39,27 +133,13 @@ class PreparedDrive:
 def prepare_drive(
     drive: BenchmarkDrive, *, estimated_pose: bool = False, markings: Markings | None = None
 ) -> PreparedDrive:
-    """Load the camera of a drive with its true pose, or estimate the pose from the video."""
+    """The drive, rendered if needed, and its camera with the true pose, or with one estimated from the video."""
+    drive = ensure_video(drive)
     video = drive.require_video()
     camera = load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true", markings)
     return PreparedDrive(drive, estimate_pose(video, camera, markings=markings).camera, "estimated", markings)
-
-
-def run_system(
-    prepared: PreparedDrive,
-    system: str | OwnFinder,
-    *,
-    end_s: float | None = None,
-    every: int = 1,
-    settings: TrackerSettings | None = None,
-) -> DriveEstimates:
-    """Estimates of a system for each `every`-th frame of a drive before `end_s`.
-
-    `settings` are those of the tracker.
-    """
-    return run_systems(prepared, [(system, every)], end_s=end_s, settings=settings)[0]
 
 
 def run_systems(
@@ -69,7 +149,10 @@ def run_systems(
     end_s: float | None = None,
     settings: TrackerSettings | None = None,
 ) -> list[DriveEstimates]:
-    """`run_system` for several systems, each with its `every`; the video is decoded once."""
+    """Estimates of systems for each `every`-th frame of a drive before `end_s`; the video is decoded once.
+
+    `settings` are those of the tracker.
+    """
     video = prepared.drive.require_video()
     fps = inspect_video(video).fps
     begin = partial(start_system, settings=settings, markings=prepared.markings)
@@ -128,7 +211,5 @@ def read_truth(drive: BenchmarkDrive) -> LaneTruth:
     except KeyError as error:
         raise ValueError(f"{path}: lacks the column {error}; use the truth that was written with the video.") from error
     except ValueError as error:
-        raise ValueError(
-            f"{path}: is not a truth file ({error}); use the one that was written with the video."
-        ) from error
+        raise ValueError(f"{path}: is not a truth file ({error}); use the one written with the video.") from error
     return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth

@@ -1,9 +1,10 @@
-"""Labelled real roads of many cameras: each still alone, with the pose of its set, and tracked through the clips.
+"""Hand-labelled stills: scores of every system, of stated uncertainty and confidence; and real roads of many cameras.
 
     python -m benchmark.real_roads FOLDER [--camera camera.yaml] [--half A] [--only own] [--workers 2]
 
-The folder has `labels.jsonl`, and a folder of stills of one camera for each set; a label may name a `clip` and a
-`frame` of it. Nothing is known about the cameras. Choices are made on half A of the sets and confirmed on half B.
+scores each still alone, with the pose of its set, and tracked through its clip. The folder has `labels.jsonl`, and a
+folder of stills of one camera for each set; a label may name a `clip` and a `frame` of it. Nothing is known about the
+cameras. Choices are made on half A of the sets and confirmed on half B.
 """
 
 from __future__ import annotations
@@ -17,18 +18,24 @@ from contextlib import closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from benchmark.labelled_stills import ScoredLane, score_lane
+from benchmark.consistency import describe_z, z_summary
+from benchmark.systems import DETECTOR, TRACKER, ColumnDetector, column_detector
 from lanes.camera import Camera, load_camera
-from lanes.console import bounded
+from lanes.console import bounded, progress_line
+from lanes.describe import format_table, number_cells
+from lanes.detect.lane import Lane
+from lanes.detect.markings import Markings
+from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.drive import make_tracker, track_frames
 from lanes.field_of_view import find_field_of_view
 from lanes.images import read_image
-from lanes.labels import LaneColumns, read_labels
-from lanes.pose import POSE_PICTURES, detect_in_drive, ensure_pose
-from lanes.score import StillScore, reliability
+from lanes.labels import EGO_SIDES, LaneColumns, read_labels
+from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
+from lanes.score import StillScore, lateral_errors_m, reliability, score_still, summarize
 from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
 from lanes.video.reader import inspect_video, read_frames
@@ -38,6 +45,141 @@ from simulator.processes import run_all
 OWN, SET, CLIPS = WAYS = ("own", "set", "clips")
 # Sets whose stills are of several cameras, so that they have no common pose.
 SEVERAL_CAMERAS = ("bdd_stills", "evo_drops", "ets2")
+# Distances at which lines are compared.
+COMPARED_AT_M = np.array([8.0, 15.0, 25.0])
+# Standard deviation of a labelled column: 95 % of the differences between two labellers are below 3.2 px.
+LABEL_STD_PX = 1.6
+# With a larger error another line was found.
+OTHER_LINE_M = 1.0
+LEGEND = """\
+z: lateral error against the label, both projected to the flat road, divided by its standard deviation: that of the lane
+at this picture row and 1.6 px of the label. Cells: root mean square (1 is wanted), percent within 1 and 2 (68/95).
+Right: every labelled line is matched."""
+
+
+@dataclass(frozen=True, eq=False)
+class ScoredLane:
+    """The lane found for a label, None without one, its score, and its errors.
+
+    `z` (2, 3) are errors of both lines at COMPARED_AT_M, in standard deviations of the position at a picture row
+    (`row_std_m`), NaN where nothing is compared. `other_lines` is the number of errors above OTHER_LINE_M, which are
+    left out.
+    """
+
+    score: StillScore
+    lane: Lane | None
+    z: np.ndarray
+    other_lines: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class LabelledFolder:
+    """Scores of each system on the labelled stills of one camera, the lanes of the engine, and the pose.
+
+    `engine` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
+    """
+
+    scores: dict[str, list[StillScore]]
+    engine: list[ScoredLane]
+    estimate: PoseEstimate | None
+
+
+def score_folder(
+    labels: Sequence[LaneColumns],
+    files: Sequence[Path],
+    lens: Camera,
+    systems: Sequence[str],
+    *,
+    markings: Markings | None = None,
+) -> LabelledFolder:
+    """Scores on the labelled pictures of one camera, whose pose is estimated from them if it has none.
+
+    Each picture is processed independently. Errors are those of `ensure_pose`, and PictureError if a picture is not of
+    the camera's size.
+    """
+    camera, estimate = ensure_pose(lens, files, progress=progress_line("pose"), markings=markings)
+    others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
+    scores: dict[str, list[StillScore]] = {system: [] for system in systems}
+    engine: list[ScoredLane] = []
+    report = progress_line("stills")
+    for done, (label, file) in enumerate(zip(labels, files, strict=True), 1):
+        image = camera.require_size(read_image(file), label.name)
+        if len(others) < len(systems):
+            engine.append(_detect(image, label, camera, estimate, markings=markings))
+        for system, some in scores.items():
+            some.append(_score(label, others[system], image, camera) if system in others else engine[-1].score)
+        report(done, len(labels))
+    return LabelledFolder(scores, engine, estimate)
+
+
+def _detect(image: np.ndarray, label: LaneColumns, camera: Camera, pose: PoseEstimate | None, **how: Any) -> ScoredLane:
+    found, _ = detect_in_drive(image, camera, pose, **how)
+    return score_lane(found.lane, label, found.camera)
+
+
+def _score(label: LaneColumns, columns_of: ColumnDetector, image: np.ndarray, camera: Camera) -> StillScore:
+    found = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
+    return score_still(label, found, camera.size)
+
+
+def describe_labelled(folders: Sequence[LabelledFolder]) -> str:
+    """A table of the scores on the stills of all cameras, a line for each system."""
+    scores = {system: [one for folder in folders for one in folder.scores[system]] for system in folders[0].scores}
+    return format_table(*number_cells({system: summarize(some) for system, some in scores.items()}))
+
+
+def score_lane(lane: Lane | None, label: LaneColumns, camera: Camera) -> ScoredLane:
+    """The score of a lane that is detected in a single picture by `camera`, whose pose it has."""
+    if lane is None:
+        return ScoredLane(score_still(label, None, camera.size), None, np.full((2, len(COMPARED_AT_M)), np.nan))
+    found = LaneColumns(label.name, label.rows, lane.columns(camera, label.rows), EGO_SIDES, lane.confidence)
+    error_m = lateral_errors_m(label.ego_lane(camera.size), found, camera, COMPARED_AT_M)
+    other = np.abs(error_m) > OTHER_LINE_M
+    label_std_m = LABEL_STD_PX * COMPARED_AT_M / camera.matrix[0, 0]
+    row_std = row_std_m(lane, COMPARED_AT_M, camera.require_pose().height_m)
+    z = np.where(other, np.nan, error_m / np.hypot(row_std, label_std_m))
+    return ScoredLane(score_still(label, found, camera.size), lane, z, int(other.sum()))
+
+
+def row_std_m(lane: Lane, x_m: np.ndarray, height_m: float) -> np.ndarray:
+    """Standard deviation (2, N) of the lines' lateral positions at the picture rows of distances x (N,) on a flat road.
+
+    Pitch and width of a lane are correlated: both decide where the lines are in the picture. Errors of the pitch, which
+    displace the lines on the road, hardly displace them in the picture that they are fitted to.
+    """
+    gradients = parameter_gradients(lambda lanes: lines_on_view(lanes, x_m, height_m), lane.model)
+    return propagated_std(gradients, lane.covariance)
+
+
+def describe_lanes(scored: Sequence[ScoredLane]) -> str:
+    """Tables of z at each distance, and of the right lanes by confidence."""
+    compared, cells = np.isfinite(all_z(scored)).sum(axis=(0, 1)), _z_cells(scored)
+    rows = {f"lateral, {x:.0f} m": [f"{n}", cell] for x, n, cell in zip(COMPARED_AT_M, compared, cells, strict=True)}
+    return (
+        f"{format_table(('compared', 'z'), rows)}\n"
+        f"left out, error above {OTHER_LINE_M:g} m: {sum(one.other_lines for one in scored)}\n"
+        f"{format_table(*number_cells(reliability(one.score for one in scored)))}\n{LEGEND}"
+    )
+
+
+def summarize_lanes(scored: Sequence[ScoredLane]) -> str:
+    """The same in one line."""
+    sure = reliability(one.score for one in scored)["0.9 or more"]
+    at = "/".join(f"{x:.0f}" for x in COMPARED_AT_M)
+    return (
+        f"z at {at} m: {', '.join(_z_cells(scored))}; 0.9 or more: {sure['right']} of {sure['lanes']} right, "
+        f"{sure['of right lanes']:.0%} of the right lanes"
+    )
+
+
+def all_z(scored: Sequence[ScoredLane]) -> np.ndarray:
+    """(N, 2, 3) z of N stills."""
+    return np.array([one.z for one in scored]).reshape(-1, 2, len(COMPARED_AT_M))
+
+
+def _z_cells(scored: Sequence[ScoredLane]) -> list[str]:
+    """Summaries of z in words, for each distance."""
+    return [describe_z(z_summary(some[np.isfinite(some)])) for some in np.moveaxis(all_z(scored), 2, 0)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,10 +211,8 @@ def read_road_sets(folder: Path, lens: Camera | None = None) -> list[RoadSet]:
         drive = Path(label.name).stem.split("_")[0]
         name = f"{label.folder}/{drive}_" if label.folder == "stills" else label.folder
         sets.setdefault(name, []).append((label, frame))
-    return [
-        RoadSet(name, folder, tuple(label for label, _ in some), tuple(frame for _, frame in some), lens)
-        for name, some in sorted(sets.items())
-    ]
+    labels_frames = {name: tuple(zip(*some, strict=True)) for name, some in sorted(sets.items())}
+    return [RoadSet(name, folder, labels, frames, lens) for name, (labels, frames) in labels_frames.items()]
 
 
 def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:
@@ -93,6 +233,14 @@ def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[Scor
     return _score_stills(roads, range(len(files)), used, settings)
 
 
+def score_sets(
+    sets: Sequence[RoadSet], way: str, settings: TrackerSettings | None = None, *, workers: int = 1
+) -> list[list[ScoredLane]]:
+    """`score_set` of each set."""
+    tasks = [(roads, way) for roads in sets]
+    return run_all(partial(score_set, settings=settings or TrackerSettings()), tasks, workers=workers)
+
+
 def _camera(size: tuple[int, int], file: Path) -> Camera:
     return Camera.from_fov(size, find_field_of_view([file]).across(size))
 
@@ -105,13 +253,11 @@ def _score_stills(
     source = read_image(files[0]) if len(files) == 1 else files
     camera, pose = ensure_pose(camera, source, settings=settings.detector)
     scores = []
-    for k in chosen:
-        label, lane, found_with = roads.labels[k], None, camera
+    for label in (roads.labels[k] for k in chosen):
         image = read_image(roads.folder / label.name)
-        if image.shape[1::-1] == camera.size:
-            found, _ = detect_in_drive(image, camera, pose, settings=settings.detector)
-            lane, found_with = found.lane, found.camera
-        scores.append(score_lane(lane, label, found_with))
+        same_size = image.shape[1::-1] == camera.size
+        how = {"settings": settings.detector}
+        scores.append(_detect(image, label, camera, pose, **how) if same_size else score_lane(None, label, camera))
     return scores
 
 
@@ -144,38 +290,36 @@ def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneCol
 
 
 def describe(sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]) -> str:
-    """A line for each set, then means over the sets of each half and of all."""
+    """A table with a row for each set, then for the sets of each half and for all."""
     known = [(roads, [one.score for one in found]) for roads, found in zip(sets, scored, strict=True) if found]
-    points = [float(np.nanmean(np.concatenate([s.values["ego accuracy"] for s in scores]))) for _, scores in known]
-    lines = []
-    for (roads, scores), share in zip(known, points, strict=True):
-        right = _right(scores)
-        lines.append(f"{roads.half} {roads.name:24s} {share:.3f} right {sum(right)} of {len(right)}")
-    for half in ("A", "B", "AB"):
-        some = [k for k, (roads, _) in enumerate(known) if roads.half in half]
-        if not some:
-            continue
-        scores, shares = [score for k in some for score in known[k][1]], [points[k] for k in some]
-        right, sure = _right(scores), reliability(scores)["0.9 or more"]
-        lines.append(
-            f"{way:5s} {half:2s} points {np.mean(shares):.3f} lowest {min(shares):.2f} right {np.mean(right):.3f} "
-            f"({sum(right)} of {len(right)}) 0.9 or more: {sure['right']:.0f} of {sure['lanes']:.0f} right, "
-            f"{sure['of right lanes']:.2f} of the right"
-        )
-    return "\n".join(lines)
+    groups = {f"{roads.half} {roads.name}": [scores] for roads, scores in known}
+    groups |= {f"{way} {half}": [scores for roads, scores in known if roads.half in half] for half in ("A", "B", "AB")}
+    return format_table(*number_cells({name: _summary(some) for name, some in groups.items() if some}))
 
 
-def _right(scores: Sequence[StillScore]) -> list[bool]:
-    return [score.right for score in scores if score.right is not None]
+def _summary(sets: Sequence[Sequence[StillScore]]) -> dict[str, float]:
+    """Mean and lowest share of right points of the sets, and the right images of all of them."""
+    points = [summarize(scores)["ego accuracy"] for scores in sets]
+    every = [score for scores in sets for score in scores]
+    right, sure = [score.right for score in every if score.right is not None], reliability(every)["0.9 or more"]
+    images = {"images": len(right), "right": sum(right), "right share": float(np.mean(right))}
+    confident = {"0.9 or more": sure["lanes"], "of them right": sure["right"], "of right lanes": sure["of right lanes"]}
+    return {"points": float(np.mean(points)), "lowest": min(points)} | images | confident
+
+
+def add_road_arguments(parser: argparse.ArgumentParser, *, optional: bool = False) -> None:
+    """Add the options that choose labelled sets."""
+    folder = "has labels.jsonl, and a folder of stills for each set"
+    parser.add_argument("folder", type=Path, nargs="?" if optional else None, help=folder)
+    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
+    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
-    parser.add_argument("folder", type=Path, help="has labels.jsonl, and a folder of stills for each set")
+    add_road_arguments(parser)
     parser.add_argument("--camera", type=load_camera, help="the lens of all stills (default: unknown cameras)")
-    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
     parser.add_argument("--only", choices=WAYS, help="one way to look at the sets (default: all)")
-    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
 def main() -> None:
@@ -185,9 +329,7 @@ def main() -> None:
     options = parser.parse_args()
     sets = [roads for roads in read_road_sets(options.folder, options.camera) if roads.half in options.half]
     for way in [options.only] if options.only else WAYS:
-        tasks = [(roads, way) for roads in sets]
-        scored = run_all(partial(score_set, settings=TrackerSettings()), tasks, workers=options.workers)
-        print(describe(sets, way, scored))
+        print(describe(sets, way, score_sets(sets, way, workers=options.workers)))
 
 
 if __name__ == "__main__":

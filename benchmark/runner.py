@@ -10,15 +10,13 @@ import inspect
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from benchmark import estimates, evaluation, systems
 from benchmark.errors import frame_errors, normalize_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
-from benchmark.machine import describe_machine
-from benchmark.scored_drive import BenchmarkDrive, ensure_video
+from benchmark.evaluation import BenchmarkDrive, PreparedDrive, prepare_drive, read_truth, run_systems
 from benchmark.scores import Result
+from benchmark.speed import describe_machine
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
 from lanes.camera import camera_to_dict
@@ -56,7 +54,7 @@ def run_benchmark(
 
     folder = folder or cache_folder() / "benchmark"
     report = progress or (lambda what: lambda done, total: None)
-    prepare = partial(_render_and_prepare, estimated_pose=estimated_pose, markings=markings)
+    prepare = partial(prepare_drive, estimated_pose=estimated_pose, markings=markings)
     prepared = run_all(prepare, drives, workers=workers, progress=report("scenes"))
     tasks = [(drive, system) for drive in prepared for system in systems]
     estimate = partial(cached_estimates, folder=folder, workers=workers)
@@ -72,13 +70,8 @@ def cached_estimates(task: tuple[PreparedDrive, str], *, folder: Path, workers: 
     if not path.is_file():
         fps = inspect_video(prepared.drive.require_video()).fps
         metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
-        write_estimates(path, run_system(prepared, system), **metadata)
+        write_estimates(path, run_systems(prepared, [(system, 1)])[0], **metadata)
     return path
-
-
-def _render_and_prepare(drive: BenchmarkDrive, **options: Any) -> PreparedDrive:
-    # One process renders a scene: the scenes are already spread over the workers.
-    return prepare_drive(ensure_video(drive, workers=1), **options)
 
 
 def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:

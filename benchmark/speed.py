@@ -7,20 +7,22 @@ and encoder. Of several rounds the fastest one counts: other processes only ever
 
 from __future__ import annotations
 
+import os
+import platform
 import time
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from fractions import Fraction
-from functools import partial
+from functools import lru_cache, partial
 from itertools import islice
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+import av
 import cv2
 import numpy as np
 
-from benchmark.machine import describe_load, describe_machine
 from benchmark.systems import TRACKER
 from helpers import RECIPES, LaneFinder, follow_lane, get_recipe
 from lanes.camera import Camera, load_camera
@@ -67,11 +69,8 @@ def describe_speed(video: Path) -> str:
     with closing(read_video(video)) as frames:
         of_frames = time_frames(list(islice(frames, FRAMES)), camera)
     of_files = time_files(video, camera)
-    frame_cells = {name: [f"{t.undistorts:.2f}", f"{t.mean:.2f}", f"{t.ms:.1f}"] for name, t in of_frames.items()}
-    file_cells = {
-        name: [f"{t.wall_ms:.1f}", f"{t.cpu_ms:.1f}", f"{t.wall_ratio:.2f}", f"{t.cpu_ratio:.2f}"]
-        for name, t in of_files.items()
-    }
+    tables = ({name: [f"{x:.2f}" for x in some] for name, some in of.items()} for of in (of_frames, of_files))
+    frame_cells, file_cells = tables
     return (
         f"{format_table(['undistorts', 'mean', 'ms'], frame_cells)}\n{LEGEND}\n"
         f"{format_table(['ms per frame', 'CPU ms', 'ratio', 'CPU ratio'], file_cells)}\n"
@@ -177,3 +176,28 @@ def transcode(source: Path, target: Path) -> None:
                 frame.pict_type = 0  # the encoder chooses the key frames
                 written.mux(output.encode(frame))
             written.mux(output.encode(None))
+
+
+@lru_cache(maxsize=1)
+def describe_machine() -> str:
+    """Processor, cores available to this process, operating system and versions, in one line."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return (
+        f"{_processor()} ({cores} {'core' if cores == 1 else 'cores'}), {platform.system()} {platform.machine()}, "
+        f"Python {platform.python_version()}, NumPy {np.__version__}, OpenCV {cv2.__version__}, PyAV {av.__version__}"
+    )
+
+
+def _processor() -> str:
+    """Name of the processor; on Linux from /proc/cpuinfo, because `platform` knows only the architecture there."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return next(filter(None, [*names, platform.processor(), platform.machine()]), "unknown processor")
+
+
+def describe_load() -> str:
+    """Load average of the last minute, in words; unknown on systems without it."""
+    return f"load {os.getloadavg()[0]:.1f} at the start" if hasattr(os, "getloadavg") else "load unknown"

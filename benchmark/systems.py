@@ -48,7 +48,7 @@ ColumnDetector = Callable[[np.ndarray, np.ndarray], np.ndarray]
 def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
-        return _CAMERA, finder_file(system)
+        return _CAMERA, Path(system.rpartition(":")[0])
     return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _HELPERS)
 
 
@@ -91,7 +91,7 @@ def column_detector(system: str, camera: Camera) -> ColumnDetector:
     require_system(system)
     if is_own_finder(system):
         find = load_finder(system)
-        return lambda image, rows: own_columns(find(image, camera), camera, rows)
+        return lambda image, rows: _own_columns(find(image, camera), camera, rows)
     finder = _start_recipe(system, camera)
     return lambda image, rows: recipe_columns(finder.find(image), camera, rows)
 
@@ -116,18 +116,13 @@ def lane_estimate(lane: Lane | None) -> LaneEstimate:
     if lane is None:
         return {}
     names = ("offset_m", "heading_rad", "curvature_per_m", "confidence", "width_m")
+    stated, signs = [CENTRE, HEADING, CURVATURE, WIDTH], [-1, 1, 1, 1]  # the offset is that of the car from the centre
     return {name: getattr(lane, name) for name in names} | {
         "lines_m": line_points(lane.model, SIDES, ALONG_M),
-        "covariance": lane_covariance(lane),
+        "covariance": lane.covariance[np.ix_(stated, stated)] * np.outer(signs, signs),
         "lines_y_m": lane.lateral_m(AHEAD_M),
         "lines_std_m": lane.lateral_std_m(AHEAD_M),
     }
-
-
-def lane_covariance(lane: Lane) -> np.ndarray:
-    """Covariance (4, 4) of the errors of offset, heading, curvature and width."""
-    stated, signs = [CENTRE, HEADING, CURVATURE, WIDTH], [-1, 1, 1, 1]  # the offset is that of the car from the centre
-    return lane.covariance[np.ix_(stated, stated)] * np.outer(signs, signs)
 
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
@@ -143,8 +138,7 @@ def recipe_estimate(result: LaneResult) -> LaneEstimate:
     }
 
 
-def own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
-    """Columns (2, R) of the lines of an own finder at rows of the raw picture."""
+def _own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
     lateral_m = [None if lines is None else np.polyval(lines[side], PROJECTED_AT_M) for side in (0, 1)]
     return project_lines(lateral_m, camera, rows)
 
@@ -187,20 +181,13 @@ def is_own_finder(system: str) -> bool:
     return ".py:" in system
 
 
-def finder_file(system: str) -> Path:
-    """The file of a system "file.py:function"."""
-    return Path(system.rpartition(":")[0])
-
-
 def load_finder(system: str) -> OwnFinder:
     """The function of a system "file.py:function", from the file as it is now; each call executes the file.
 
-    Raises
-    ------
-    ValueError
-        If the file does not exist, cannot be executed, or has no such function.
+    Raises ValueError if the file does not exist, cannot be executed, or has no such function.
     """
-    file, name = finder_file(system), system.rpartition(":")[2]
+    path, _, name = system.rpartition(":")
+    file = Path(path)
     if not file.is_file():
         raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
     spec = importlib.util.spec_from_file_location(file.stem, file)
@@ -219,10 +206,7 @@ def load_finder(system: str) -> OwnFinder:
 def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
     """The estimate of a finder that returns the coefficients of two lines; no lane for None.
 
-    Raises
-    ------
-    ValueError
-        If there are not two lines.
+    Raises ValueError if there are not two lines.
     """
     if lines is None:
         return {}

@@ -1,18 +1,18 @@
 """What the notebook needs besides the classic pipeline: data, checks against the truth, exercises and figures."""
 
+from benchmark.evaluation import PROJECT_ROOT as PROJECT_ROOT
 from benchmark.evaluation import score_video as score_video
-from benchmark.reporting.tables import results_table as results_table
-from benchmark.scored_drive import PROJECT_ROOT as PROJECT_ROOT
-from course.accuracy import TwoLines as TwoLines
-from course.accuracy import accuracy_table as accuracy_table
-from course.accuracy import score_finders as score_finders
+from benchmark.tables import results_table as results_table
 from course.dataset import open_dataset as open_dataset
 from course.exercises.check import check_exercise as check_exercise
+from course.measures import TwoLines as TwoLines
+from course.measures import accuracy_table as accuracy_table
 from course.measures import check as check
 from course.measures import check_error as check_error
 from course.measures import lane_widths_px as lane_widths_px
 from course.measures import marking_precision as marking_precision
 from course.measures import marking_recall as marking_recall
+from course.measures import score_finders as score_finders
 from course.measures import worst_lateral_error_m as worst_lateral_error_m
 from course.plots import plot_bars as plot_bars
 from course.plots import plot_series as plot_series

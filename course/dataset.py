@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.camera import Camera, camera_from_dict
 from lanes.files import read_telemetry, read_text
 from lanes.images import read_image
@@ -54,25 +54,17 @@ class Dataset:
     def still(self, name: str) -> Path:
         """The test picture called `name` (without suffix).
 
-        Raises
-        ------
-        DatasetError
-            If there is no such picture.
+        Raises DatasetError if there is no such picture.
         """
         for path in self.stills:
             if path.stem == name:
                 return path
-        raise DatasetError(
-            f"{self.root / 'test_images'}: there is no picture {name}; look in the folder for its names."
-        )
+        raise DatasetError(f"{self.root / 'test_images'}: there is no picture {name}; look there for its names.")
 
     def video(self, name: str) -> Path:
         """The video file `name`, in test_videos/ or directly in the data folder, as in Udacity's repository.
 
-        Raises
-        ------
-        DatasetError
-            If there is no such video.
+        Raises DatasetError if there is no such video.
         """
         for folder in (self.root / "test_videos", self.root):
             if (folder / name).is_file():
@@ -98,11 +90,8 @@ class Dataset:
         if not path.is_file():
             return {}
         labels = {Path(label.name).name: label for label in read_labels(path)}
-        return {
-            still.name: labels[still.name].ego_lane(read_image(still).shape[1::-1])
-            for still in self.stills
-            if still.name in labels
-        }
+        labelled = [still for still in self.stills if still.name in labels]
+        return {still.name: labels[still.name].ego_lane(read_image(still).shape[1::-1]) for still in labelled}
 
     def line_columns(self, still: Path) -> LaneColumns | None:
         """The columns of both lines in a test picture: the truth, else the hand-made labels, None without either."""
@@ -122,24 +111,18 @@ def _read_truth(path: Path, select: Callable[[dict], Part]) -> Part:
     try:
         return select(json.loads(read_text(path, "truth")))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:
-        raise DatasetError(
-            f"{path}: is not a truth file of pictures ({error!r}); remove it, or copy it again."
-        ) from error
+        raise DatasetError(f"{path}: is not a truth file of pictures ({error!r}); remove or replace it.") from error
 
 
 def open_dataset(root: str | Path | None = None) -> Dataset:
     """The data folder `root`; default: the one named by the environment variable LANES_DATA, else the embedded data.
 
-    Raises
-    ------
-    DatasetError
-        If the folder lacks camera_cal/ or test_images/.
+    Raises DatasetError if the folder lacks camera_cal/ or test_images/.
     """
     named = root or os.environ.get("LANES_DATA")
     folder = Path(named) if named else PROJECT_ROOT
     for part in ("camera_cal", "test_images"):
         if not (folder / part).is_dir():
-            raise DatasetError(
-                f"{folder}: has no {part}/; LANES_DATA must name a folder with camera_cal/, test_images/."
-            )
+            layout = "LANES_DATA must name a folder with camera_cal/, test_images/."
+            raise DatasetError(f"{folder}: has no {part}/; {layout}")
     return Dataset(folder, PROJECT_ROOT / ("output_real" if named else "output_images"))

@@ -52,6 +52,8 @@ def show_pictures(
 ) -> tuple[Figure, np.ndarray]:
     """Plot images side by side, in rows of `columns`.
 
+    Raises ValueError if the numbers of titles and images differ or are 0.
+
     Parameters
     ----------
     images : sequence of ndarray
@@ -61,11 +63,6 @@ def show_pictures(
         One for each image.
     width_in : float
         Width of the figure in inches; its height follows from the images.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of titles and images differ or are 0.
     """
     if not len(images) or len(images) != len(titles):
         raise ValueError(f"one title for each image is needed; got {len(images)} images and {len(titles)} titles.")
@@ -132,16 +129,13 @@ def plot_series(
 ) -> tuple[Figure, np.ndarray]:
     """Plot telemetry over time, one panel per quantity.
 
+    Raises ValueError if `series` is empty.
+
     Parameters
     ----------
     series : mapping of str to (mapping of str to ndarray of shape (N,))
         Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
         dashed line above the others. NaN leaves a gap.
-
-    Raises
-    ------
-    ValueError
-        If `series` is empty.
     """
     if not series:
         raise ValueError("no quantity to plot; give at least one axis label with its curves.")

@@ -29,21 +29,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="what to render: chessboards into camera_cal/, stills into test_images/, the videos into test_videos/ "
         "(default: all)",
     )
-    parser.add_argument(
-        "--scene",
-        metavar="NAME",
-        help="render this scene of the suite into the cache folder (LANES_CACHE) instead, if it is not there yet",
-    )
-    parser.add_argument(
-        "--out", type=Path, default=Path("."), help="folder that holds these folders (default: the current one)"
-    )
-    parser.add_argument(
-        "--seconds",
-        type=bounded(float, 0.04, 10),
-        default=10.0,
-        metavar="S",
-        help="maximum length of a video in seconds (default: %(default)s)",
-    )
+    scene = "render this scene of the suite into the cache folder (LANES_CACHE) instead, if it is not there yet"
+    parser.add_argument("--scene", metavar="NAME", help=scene)
+    out = "folder that holds these folders (default: the current one)"
+    parser.add_argument("--out", type=Path, default=Path("."), help=out)
+    longest = "maximum length of a video in seconds (default: %(default)s)"
+    parser.add_argument("--seconds", type=bounded(float, 0.04, 10), default=10.0, metavar="S", help=longest)
 
 
 def run(options: argparse.Namespace) -> int:

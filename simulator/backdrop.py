@@ -14,8 +14,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting.brush import Atmosphere
-from simulator.painting.noise import fractal_noise, fractal_profile, smoothstep
+from simulator.painting import Atmosphere, fractal_noise, smoothstep
 
 # Half the resolution of a dashcam: the backdrop has no detail that matters.
 COLUMNS = 4096
@@ -103,7 +102,7 @@ def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
         skyline = _hills(rng, size_rad) * share * style.hill_height_rad * low
         _paint_layer(picture, skyline, (grass, SCRUB), distance_km, style, rng)
     for distance_km, height_rad in WOODS if style.tree_density else ():
-        trees = fractal_profile(COLUMNS, rng, cell_px=450, octaves=8, gain=0.7)
+        trees = fractal_noise((1, COLUMNS), rng, cell_px=(450, 450), octaves=8, gain=0.7)[0]
         skyline = height_rad * valley**0.3 * np.clip(0.5 * trees + 1.4 * style.tree_density - 0.4, -0.1, 1)
         _paint_layer(picture, skyline, (1.6 * SCRUB, 0.6 * WOOD), distance_km, style, rng)
     return np.pad(picture, ((0, 0), (1, 1), (0, 0)), mode="wrap")
@@ -141,7 +140,8 @@ def _paint_clouds(picture: np.ndarray, style: BackdropStyle, rng: np.random.Gene
 
 def _hills(rng: np.random.Generator, size_rad: float) -> np.ndarray:
     """Skyline (COLUMNS,) of hills about 1 high and `size_rad` wide, partly below the horizon."""
-    profile = fractal_profile(COLUMNS, rng, cell_px=size_rad * PIXELS_PER_RAD, octaves=9, gain=0.38)
+    size_px = size_rad * PIXELS_PER_RAD
+    profile = fractal_noise((1, COLUMNS), rng, cell_px=(size_px, size_px), octaves=9, gain=0.38)[0]
     return np.clip(0.62 + 0.42 * profile, -0.3, 1.6)
 
 

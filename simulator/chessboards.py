@@ -20,7 +20,7 @@ from lanes.camera import camera_to_dict
 from lanes.files import translate_write_errors, write_atomically
 from lanes.images import write_image
 from simulator.processes import run_all
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
 # 10 x 7 squares of this size leave margins of 15 and 19 mm on US Letter paper.
@@ -139,9 +139,7 @@ def render_board(view: BoardView, *, seed: int = 0) -> np.ndarray:
 def true_corners(view: BoardView) -> np.ndarray:
     """Pixels (54, 2) of the inner corners, row by row from the top left; some may lie outside the image."""
     turn, shift = _board_pose(view)
-    column, row = np.meshgrid(
-        np.arange(INNER_COLUMNS) - (INNER_COLUMNS - 1) / 2, np.arange(INNER_ROWS) - (INNER_ROWS - 1) / 2
-    )
+    column, row = np.meshgrid(*(np.arange(count) - (count - 1) / 2 for count in (INNER_COLUMNS, INNER_ROWS)))
     points = np.column_stack([column.ravel(), row.ravel(), np.zeros(column.size)]) * SQUARE_M
     pixels, _ = cv2.projectPoints(points, cv2.Rodrigues(turn)[0], shift, DASHCAM.matrix, DASHCAM.distortion)
     return pixels.reshape(-1, 2)
@@ -150,12 +148,8 @@ def true_corners(view: BoardView) -> np.ndarray:
 def _board_truth(view: BoardView) -> dict:
     corners, size = true_corners(view), view.size
     inside = ((corners >= 0) & (corners <= np.subtract(size, 1))).all(axis=1)
-    return {
-        "width": size[0],
-        "height": size[1],
-        "corners_px": np.round(corners, 3).tolist(),
-        "inside": inside.astype(int).tolist(),
-    }
+    known = {"corners_px": np.round(corners, 3).tolist(), "inside": inside.astype(int).tolist()}
+    return {"width": size[0], "height": size[1]} | known
 
 
 def _board_pose(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
@@ -235,12 +229,8 @@ def _sheet(
 def _ink(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Black share (height, width) of each pixel's footprint on the sheet, from 4 x 4 points."""
     across, down = x / SQUARE_M + (INNER_COLUMNS + 1) / 2, y / SQUARE_M + (INNER_ROWS + 1) / 2
-    near = (np.abs(across - (INNER_COLUMNS + 1) / 2) < INNER_COLUMNS / 2 + 1) & (
-        np.abs(down - (INNER_ROWS + 1) / 2) < INNER_ROWS / 2 + 1
-    )
-    a, a_u, a_v, b, b_u, b_v = (
-        values[near] for field in (across, down) for values in (field, *np.gradient(field)[::-1])
-    )
+    near = (np.abs(x) < (INNER_COLUMNS / 2 + 1) * SQUARE_M) & (np.abs(y) < (INNER_ROWS / 2 + 1) * SQUARE_M)
+    a, a_u, a_v, b, b_u, b_v = (f[near] for field in (across, down) for f in (field, *np.gradient(field)[::-1]))
     ink, black = np.zeros_like(x), np.zeros_like(a)
     for dv, du in product((-0.375, -0.125, 0.125, 0.375), repeat=2):
         column, row = np.floor(a + du * a_u + dv * a_v), np.floor(b + du * b_u + dv * b_v)

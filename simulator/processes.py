@@ -36,24 +36,11 @@ def map_ordered(
 ) -> Generator[Result]:
     """Yield the results of `function` in the order of the jobs; close the generator to end the workers early.
 
-    Parameters
-    ----------
-    function : callable
-        A function of a module, or a functools.partial of one. It is sent to each worker once.
-    jobs : iterable
-        Picklable arguments.
-    workers : int, optional
-        Processes; 1 runs the jobs in this process. Default: `available_workers()`.
-    ahead : int, optional
-        Number of jobs submitted ahead of the results taken. Default: two a worker, so that images do not pile up in
-        memory.
-
-    Raises
-    ------
-    ValueError
-        If `workers` is less than 1.
-    OSError
-        If a worker died. Exceptions of `function` are raised unchanged.
+    The function is one of a module, or a functools.partial of one, and is sent to each worker once; the jobs can be
+    pickled. `workers` processes run (default: `available_workers()`); 1 runs the jobs in this process. `ahead` jobs are
+    submitted ahead of the results taken (default: two a worker, so that images do not pile up in memory). Raises
+    ValueError if `workers` is less than 1, and OSError if a worker died. Exceptions of the function are raised
+    unchanged.
     """
     workers = available_workers() if workers is None else workers
     if workers < 1:

@@ -10,7 +10,7 @@ import pytest
 
 from lanes.camera import load_camera
 from lanes.images import read_image, write_image
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 from tests.support.project import ROOT
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.calibration import (
     BoardDetections,
     calibrate,
@@ -23,7 +23,7 @@ from lanes.errors import CameraError
 from lanes.images import read_image
 from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 from tests.video.sample_videos import set_rotation
 
 SIZE = (1280, 720)

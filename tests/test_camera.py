@@ -15,7 +15,7 @@ from PIL import Image
 from lanes.camera import CalibrationReport, Camera, CameraPose, camera_to_dict, load_camera, save_camera, undistort
 from lanes.errors import CameraError
 from lanes.images import read_image
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 
 FOCAL_PX = 640 / np.tan(np.radians(30))
 poses = st.builds(CameraPose, st.floats(0.8, 3), st.floats(-0.1, 0.3), st.floats(-0.3, 0.3), st.floats(-0.2, 0.2))

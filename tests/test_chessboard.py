@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.chessboard import Board, find_board
 from lanes.images import read_image
 

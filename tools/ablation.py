@@ -16,25 +16,24 @@ import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmark.bootstrap import frame_clusters, mean_interval
 from benchmark.consistency import consistency
-from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, normalize_errors
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_system
-from benchmark.real_roads import WAYS, RoadSet, ScoredLane, read_road_sets, score_set
-from benchmark.scored_drive import BenchmarkDrive, choose_drives, ensure_video
-from benchmark.scores import score
+from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, joined, normalize_errors
+from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
+from benchmark.real_roads import WAYS, ScoredLane, add_road_arguments, read_road_sets, score_sets
+from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
+from benchmark.tables import markdown_table
 from lanes.console import bounded, progress_line
 from lanes.detect.fit import FIT
+from lanes.score import summarize
 from lanes.tracking.filter import FILTER
 from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
-from simulator.rendering.video import VIDEO_FPS
+from simulator.rendering.render import VIDEO_FPS
 
 
 @dataclass(frozen=True)
@@ -118,18 +117,16 @@ class Measurement:
 def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> Measurement:
     """The errors of the tracker without a mechanism on a drive, before the time `end_s`."""
     mechanism, drive = task
-    estimates = run_system(drive, TRACKER, end_s=end_s, settings=mechanism.settings())
+    (estimates,) = run_systems(drive, [(TRACKER, 1)], end_s=end_s, settings=mechanism.settings())
     truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
     return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
 
 
 def rendered_cells(off: Sequence[Measurement], on: Sequence[Measurement]) -> list[str]:
     """Cells of the table from measurements of the same rendered drives without and with a mechanism."""
-    correct_off, correct_on, exists = (
-        np.concatenate([getattr(one.errors, name) for one in some])
-        for some, name in ((off, "correct"), (on, "correct"), (on, "exists"))
-    )
-    gained = 100.0 * (correct_off.astype(int) - correct_on)[exists]
+    without, usual = joined([one.errors for one in off]), joined([one.errors for one in on])
+    exists = usual.exists
+    gained = 100.0 * (without.correct.astype(int) - usual.correct)[exists]
     clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
     low, high = mean_interval(gained, clusters)
     row = score([one.errors for one in off])
@@ -142,8 +139,9 @@ def real_cells(off: Sequence[list[ScoredLane]], on: Sequence[list[ScoredLane]]) 
     """Cells of the table from lanes of the same labels, in each of the `WAYS`, without and with a mechanism."""
     cells = []
     for some in zip(off, on, strict=True):
-        points = [np.nanmean(np.concatenate([s.score.values["ego accuracy"] for s in scored])) for scored in some]
-        right = [sum(bool(s.score.right) for s in scored) for scored in some]
+        scores = [[one.score for one in scored] for scored in some]
+        points = [summarize(of_way)["ego accuracy"] if of_way else np.nan for of_way in scores]
+        right = [sum(bool(score.right) for score in of_way) for of_way in scores]
         cells += [f"{100 * (points[0] - points[1]):+.1f}", f"{right[0]} of {len(some[1])}"]
     return cells
 
@@ -152,62 +150,37 @@ REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right
 RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
 
 
-def look_at_roads(mechanism: Mechanism, sets: Sequence[RoadSet], *, workers: int) -> list[list[ScoredLane]]:
-    """The lanes of all sets in each of the `WAYS`, without a mechanism."""
-    tasks = [(roads, way) for way in WAYS for roads in sets]
-    found = run_all(partial(score_set, settings=mechanism.settings()), tasks, workers=workers)
-    return [[one for (_, w), some in zip(tasks, found, strict=True) if w == way for one in some] for way in WAYS]
-
-
-def look_at_drives(mechanism: Mechanism, drives: Sequence[PreparedDrive], *, workers: int) -> list[Measurement]:
-    """The errors in rendered drives, without a mechanism."""
-    return run_all(measure, [(mechanism, drive) for drive in drives], workers=workers)
-
-
-def prepare(drive: BenchmarkDrive) -> PreparedDrive:
-    """The drive with its video and camera."""
-    return prepare_drive(ensure_video(drive, workers=1))
-
-
-@dataclass(frozen=True)
-class Roads:
-    """Roads of one kind: headings of their columns, what is found without a mechanism, and the cells of a row."""
-
-    columns: list[str]
-    look: Callable[[Mechanism], Any]
-    cells: Callable[[Any, Any], list[str]]
-
-
-def choose_roads(options: argparse.Namespace) -> list[Roads]:
-    """The roads that the options of the command name."""
-    some = []
+def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callable, Callable]]:
+    """The kinds of roads that are asked for: headings, what is found without a mechanism, and the cells of that."""
+    kinds: list[tuple[list[str], Callable, Callable]] = []
     if options.folder:
         sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
-        some.append(Roads(REAL_COLUMNS, partial(look_at_roads, sets=sets, workers=options.workers), real_cells))
+
+        def look_at_roads(mechanism: Mechanism) -> list[list[ScoredLane]]:
+            found = (score_sets(sets, way, mechanism.settings(), workers=options.workers) for way in WAYS)
+            return [[one for some in of_way for one in some] for of_way in found]
+
+        kinds.append((REAL_COLUMNS, look_at_roads, real_cells))
     if options.scenes != ["none"]:
         chosen = choose_drives(options.scenes, seed=options.seed)
-        drives = run_all(prepare, chosen, workers=options.workers, progress=progress_line("scenes"))
-        look = partial(look_at_drives, drives=drives, workers=options.workers)
-        some.append(Roads(RENDERED_COLUMNS, look, rendered_cells))
-    return some
+        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
+
+        def look_at_drives(mechanism: Mechanism) -> list[Measurement]:
+            return run_all(measure, [(mechanism, drive) for drive in drives], workers=options.workers)
+
+        kinds.append((RENDERED_COLUMNS, look_at_drives, rendered_cells))
+    return kinds
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of the command."""
+    add_road_arguments(parser, optional=True)
+    scenes = "scenes of the suite, or videos with truth and camera (default: all scenes)"
     split = partial(str.split, sep=",")
-    parser.add_argument("folder", type=Path, nargs="?", help="labelled sets of real roads")
-    parser.add_argument("--half", choices=("A", "B", "AB"), default="AB", help="of the sets (default: both halves)")
-    parser.add_argument(
-        "--scenes",
-        type=split,
-        default=[],
-        metavar="NAME,...",
-        help="scenes of the suite, or videos with truth and camera (default: all scenes)",
-    )
+    parser.add_argument("--scenes", type=split, default=[], metavar="NAME,...", help=scenes)
     parser.add_argument("--seed", type=bounded(int, 0), default=7, metavar="N", help="variant (default: %(default)s)")
     parser.add_argument("--only", type=split, default=[], metavar="NAME,...", help="some mechanisms")
     parser.add_argument("--together", action="store_true", help="switch them off together, in one row")
-    parser.add_argument("--workers", type=bounded(int, 1), default=1, metavar="N", help="processes")
 
 
 def main() -> None:
@@ -221,13 +194,13 @@ def main() -> None:
     if options.together:
         off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
         rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
-    roads = choose_roads(options)
-    headings = ["switched off", "what it does", *(heading for some in roads for heading in some.columns)]
-    print(f"| {' | '.join(headings)} |\n|{'---|' * len(headings)}", flush=True)
-    on = [some.look(ALL_ON) for some in roads]
+    kinds = choose_columns(options)
+    headings = ["switched off", "what it does", *(heading for columns, *_ in kinds for heading in columns)]
+    print(markdown_table(headings, []), flush=True)
+    on = [look(ALL_ON) for _, look, _ in kinds]
     for mechanism in (ALL_ON, *rows):
-        found = on if mechanism is ALL_ON else [some.look(mechanism) for some in roads]
-        cells = [cell for some, one, base in zip(roads, found, on, strict=True) for cell in some.cells(one, base)]
+        found = on if mechanism is ALL_ON else [look(mechanism) for _, look, _ in kinds]
+        cells = [cell for (*_, to_cells), *both in zip(kinds, found, on, strict=True) for cell in to_cells(*both)]
         print(f"| {' | '.join([mechanism.name, mechanism.description, *cells])} |", flush=True)
 
 

@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from course.sketch import SKETCHES, sketch
 from lanes.camera import Camera, load_camera
 from lanes.explanation import explain
@@ -42,10 +42,8 @@ SCENES = {"one_line": ("missing-paint", 1.12), "no_lines": ("unmarked-road", 0.0
 
 def animate(video: Path) -> bytes:
     """An animated WebP of every STEP-th frame of a video, endless, at the speed of the video."""
-    frames = [
-        Image.fromarray(cv2.resize(frame, SIZE_PX, interpolation=cv2.INTER_AREA))
-        for frame in islice(read_video(video), 0, None, STEP)
-    ]
+    some = islice(read_video(video), 0, None, STEP)
+    frames = [Image.fromarray(cv2.resize(frame, SIZE_PX, interpolation=cv2.INTER_AREA)) for frame in some]
     duration_ms, animation = round(1000 * STEP / inspect_video(video).fps), io.BytesIO()
     looks = {"duration": duration_ms, "loop": 0, "quality": QUALITY, "method": 6}
     frames[0].save(animation, "WEBP", save_all=True, append_images=frames[1:], **looks)

@@ -19,25 +19,31 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from benchmark.bootstrap import mean_interval
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.real_roads import WAYS, RoadSet, read_road_sets, score_set
+from benchmark.scores import mean_interval
 from benchmark.systems import lane_estimate
-from lanes.camera import Camera
+from lanes.camera import Camera, CameraPose
 from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
-from lanes.detect.lane import Lane
+from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings, load_markings
+from lanes.errors import PoseError
+from lanes.field_of_view import DEFAULT_HFOV_DEG
+from lanes.labels import EGO_SIDES, LaneColumns
+from lanes.pose import estimate_pose
+from lanes.score import score_still
 from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.not_roads import KINDS, not_a_road
 from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion
-from simulator.road.geometry import RoadGeometry
+from simulator.rendering.render import Frame, render_frame
+from simulator.road.geometry import FLAT, RoadGeometry
 from simulator.road.truth import truth_row
-from tools.photos import find_with_own_pose, flat_scenes, right_in_picture, take_photo
+from simulator.scenes.suite import SUITE
 
 # Painted drives with the right and with a wrong pose; every fourth frame is also detected without the tracker.
 RIGHT_POSES, WRONG_POSES, SECONDS, FPS, STILL_EVERY = range(4100, 4116), range(4000, 4020), 1.6, 12.5, 4
@@ -163,6 +169,54 @@ def samples_of_painted_drive(
     return label_lanes(map(drive.frame, times), camera, truth, group=f"painted {seed}", markings=markings)
 
 
+# Sizes of photos of scenes.
+SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))
+
+
+def flat_scenes() -> list[str]:
+    """Scenes on a flat road, with or without a lane: the label of a photo is right for no other."""
+    return [name for name, scene in SUITE.items() if scene.drive().road.profile == FLAT]
+
+
+def take_photo(scene: str, rng: np.random.Generator) -> tuple[np.ndarray, LaneColumns]:
+    """A picture of a random moment of a scene, taken with a random camera, and its lines for a width of 1280 px."""
+    pose = CameraPose(rng.uniform(1.1, 2.1), *np.radians(rng.normal(0, [3.0, 2.0, 0.7])))
+    camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
+    drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
+    frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
+    return frame.image, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad)))
+
+
+def enlarged(camera: Camera) -> Camera:
+    """The camera for pictures 1280 px wide: the tolerance of the labels is for this width."""
+    return camera.scaled((1280, round(camera.height * 1280 / camera.width)))
+
+
+def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
+    """Columns of both lines in each fifth picture row from a little below the horizon on; -2 without a lane."""
+    horizon = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
+    rows = np.arange(np.ceil(horizon + 0.06 * camera.height), camera.height, 5)
+    x = np.geomspace(3, 80, 400)
+    pixels = (camera.road_to_pixels(np.column_stack([x, frame.truth.line_y(side, x)])) for side in (0, 1))
+    outlines = [line[np.isfinite(line[:, 0])] for line in pixels]
+    return LaneColumns(scene, rows, columns_at(rows, outlines, camera), EGO_SIDES)
+
+
+def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
+    """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
+    found = LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows), EGO_SIDES)
+    return bool(score_still(label, found).right)
+
+
+def find_with_own_pose(image: np.ndarray) -> tuple[Camera | None, Lane | None]:
+    """The camera with the pose that is estimated from this picture, and the lane; None where there is none."""
+    try:
+        estimate = estimate_pose(image, Camera.from_fov(image.shape[1::-1], DEFAULT_HFOV_DEG))
+    except PoseError:
+        return None, None
+    return estimate.camera, estimate.still.lane
+
+
 def label_lanes(
     frames: Iterable[np.ndarray], camera: Camera, truth: LaneTruth, *, group: str, markings: Markings | None = None
 ) -> tuple[list[Sample], list[Sample]]:
@@ -186,12 +240,8 @@ def _label(lanes: list[Lane | None], truth: LaneTruth, group: str) -> list[Sampl
 
 def samples_of_roads(task: tuple[RoadSet, str]) -> list[Sample]:
     """Samples of a labelled set of real roads, in one of the ways to look at it."""
-    scored = score_set(task, TrackerSettings())
-    return [
-        Sample(REAL, task[0].name, one.lane.features, one.score.right)
-        for one in scored
-        if one.lane and one.score.right is not None
-    ]
+    scored = [one for one in score_set(task, TrackerSettings()) if one.lane and one.score.right is not None]
+    return [Sample(REAL, task[0].name, one.lane.features, one.score.right) for one in scored]
 
 
 def samples_of_no_road(kind: str) -> list[Sample]:

@@ -25,12 +25,10 @@ from simulator.not_roads import KINDS, not_a_road
 from simulator.objects.scene_objects import PlacedWall
 from simulator.rendering.drive import Drive
 from simulator.rendering.render import render_frame
-from simulator.road.ground import Ground, cast_on_ground, pixel_rays
+from simulator.road.ground import Ground, RoadAhead, cast_on_ground, pixel_rays
 from simulator.road.markings import Marking
-from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import MATERIALS, Seam, Surface
-from simulator.scenes.suite import SUITE
-from simulator.scenes.variants import vary_drive
+from simulator.scenes.suite import SUITE, vary_drive
 
 # Pictures of one variant of a scene, which share its landscape: painting it takes longer than a picture. Numbers of the
 # variants: the benchmark's are smaller.
@@ -204,9 +202,8 @@ def with_border(drive: Drive, rng: np.random.Generator) -> Drive:
         return side * (edge_m - lateral_m) > margin_m
 
     markings = tuple(m for m in drive.markings if is_inside(m.lateral_m, 1.0))
-    kept = tuple(
-        o for o in drive.objects if not isinstance(o, PlacedWall) or is_inside(o.lateral_m) or o.kind == "bank"
-    )
+    objects = drive.objects
+    kept = tuple(o for o in objects if not isinstance(o, PlacedWall) or is_inside(o.lateral_m) or o.kind == "bank")
     wall = BORDER_WALLS[rng.integers(len(BORDER_WALLS))]
     walls = (PlacedWall(edge_m, wall, seed=int(rng.integers(100))),) if wall else ()
     edge = {"left_edge_m": edge_m, "opposite_m": None} if side > 0 else {"right_edge_m": edge_m}
@@ -224,10 +221,8 @@ def with_gaps(markings: tuple[Marking, ...], station_m: float, rng: np.random.Ge
             continue
         start_m = station_m + rng.uniform(3, 30)
         end_m = start_m + rng.uniform(*GAP_M)
-        parts += [
-            replace(marking, end_m=min(marking.end_m, start_m)),
-            replace(marking, start_m=max(marking.start_m, end_m)),
-        ]
+        parts.append(replace(marking, end_m=min(marking.end_m, start_m)))
+        parts.append(replace(marking, start_m=max(marking.start_m, end_m)))
     return tuple(m for m in parts if m.start_m < m.end_m)
 
 

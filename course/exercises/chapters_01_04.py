@@ -18,15 +18,13 @@ def check_best_ruler(worst_px: float, *, rows: np.ndarray, columns: np.ndarray) 
     """1.1: the largest distance between the paint and the least-squares line through all of it, pixels."""
     found = require_shape(worst_px, (), "one number is needed, the largest distance")
     misses = np.polyval(np.polyfit(rows, columns, 1), rows) - columns
-    swapped = np.polyval(np.polyfit(columns, rows, 1), columns) - rows
+    swapped = np.abs(np.polyval(np.polyfit(columns, rows, 1), columns) - rows).max()
     worst = np.abs(misses).max()
     require(found != round(worst), f"{found:.0f} px is rounded. Give one decimal or more.")
     mistakes = {
         "is a mean of the distances. Take the largest one.": np.abs(misses).mean(),
         "is the largest distance on one side only. Take the absolute values first.": min(misses.max(), -misses.min()),
-        "belongs to the row as a function of the column. Swap the first two arguments of np.polyfit.": np.abs(
-            swapped
-        ).max(),
+        "belongs to the row as a function of the column. Swap the first two arguments of np.polyfit.": swapped,
     }
     otherwise = (
         "is less than the line of least squares is off. Its largest distance is not the smallest possible one; here "
@@ -55,10 +53,8 @@ def check_board_errors(
     """
     boards, corners = len(seen), len(board)
     errors = require_shape(errors_px, (boards,), f"{boards} numbers are needed, one for each board")
-    require(
-        np.ptp(errors) > 0,
-        "all boards have the same error. Each board has its own; the RMS of the calibration is over all boards.",
-    )
+    same = "all boards have the same error. Each board has its own; the RMS of the calibration is over all boards."
+    require(np.ptp(errors) > 0, same)
     poses = zip(rotations, translations, strict=True)
     projected = np.array([cv2.projectPoints(board, *pose, matrix, distortion)[0] for pose in poses])
     off_px = projected.reshape(boards, corners, 2) - np.reshape(seen, (boards, corners, 2))
@@ -110,10 +106,8 @@ def check_undistort_pixel(undistort_pixel: Callable[..., Any]) -> str:
     true_px = np.random.default_rng(3).uniform((150, 100), (1130, 620), (PIXELS, 2))
     raw_px = Camera(1280, 720, MATRIX, DISTORTION).distort_points(true_px)
     found_px = np.array([undistort(pixel) for pixel in raw_px])
-    mistakes = {
-        sentence: Camera(1280, 720, MATRIX, wrong).undistort_points(raw_px)
-        for sentence, wrong in WRONG_DISTORTIONS.items()
-    }
+    cameras = {sentence: Camera(1280, 720, MATRIX, wrong) for sentence, wrong in WRONG_DISTORTIONS.items()}
+    mistakes = {sentence: camera.undistort_points(raw_px) for sentence, camera in cameras.items()}
     otherwise = _explain_undistorted(found_px, raw_px, true_px)
     require_equal(found_px, true_px, mistakes, otherwise, atol=LENS_TOLERANCE_PX)
     return f"{PIXELS} pixels of another lens are off by less than {LENS_TOLERANCE_PX} px."
@@ -168,9 +162,8 @@ def check_four_points(
     try:
         warp = FourPointWarp(points, destination_px, camera.size)
     except ValueError:
-        raise HintError(
-            "the edges cross. Give the points in the order of destination_px, around the quadrangle."
-        ) from None
+        crossing = "the edges cross. Give the points in the order of destination_px, around the quadrangle."
+        raise HintError(crossing) from None
     widths = lane_widths_px(warp, camera, lines_m, MEASURED_AT_M) * metres_per_pixel(warp, camera)[0]
     near, far = warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(AHEAD_M)))
     require(

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+import cv2
 import numpy as np
 
-from course.exercises.drawings import draw_bar, draw_caught, draw_paint
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
-from course.exercises.paint import explain_missing, explain_wrong, rate_paint
-from course.plots import plot_series
-from helpers import FourPointWarp, find_peaks, lane_histogram, metres_per_pixel, ransac_line
+from course.measures import STEPS_M, compare_markings
+from course.plots import plot_series, show_pictures
+from helpers import (
+    FourPointWarp,
+    binary_pixels,
+    birdseye_to_road,
+    find_peaks,
+    lane_histogram,
+    metres_per_pixel,
+    ransac_line,
+)
 from lanes.camera import Camera
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, draw_polyline
+
+# Colours of the drawings below a verdict, which Jupyter shows at the end of the cell.
+RIGHT, WRONG, OTHER_LINE = LANE_COLOUR, LEFT_COLOUR, (255, 150, 0)
+MISSED, NOT_COUNTED, DARK = (255, 0, 255), (150, 150, 150), (35, 35, 35)
 
 # 5.1: clearly more than hls_sobel (51 %), or its colour and magnitude without the gradient of L (89 %). 62 % of 375
 # masks reach both limits: top-hats 41 to 81 columns wide, openings 21 to 61 rows tall, three channels, five thresholds.
@@ -21,6 +35,85 @@ LEAST_PRECISION = 0.92
 LEAST_RECALL = 0.55
 # On the second image, whose solid line and dashes are less disturbed; a mask drawn for the first one has none of it.
 LEAST_SECOND = 0.8, 0.45
+# Length of a dash, width of a line, and a width that only other shapes have, metres.
+DASH_M, LINE_M, WIDE_M = 3.05, 0.13, 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class PaintRating:
+    """Precision, recall, recall of each line, masks (height, width) of the set pixels, missed pieces (2, 2) of lines.
+
+    The masks are disjoint: pixels on a line, beside it, and those that do not count for the precision.
+    """
+
+    precision: float
+    recall: float
+    each_recall: np.ndarray
+    on_line: np.ndarray
+    beside: np.ndarray
+    not_counted: np.ndarray
+    missed_px: list[np.ndarray]
+
+    def __str__(self) -> str:
+        return f"precision {self.precision:.0%}, recall {self.recall:.0%}"
+
+
+def rate_paint(mask: np.ndarray, warp: FourPointWarp, camera: Camera, truth: dict) -> PaintRating:
+    """The rating of a mask (height, width), uint8 or bool, of a bird's-eye view."""
+    pixels = binary_pixels((mask > 0).astype(np.uint8))
+    counted, on_lines, covered = compare_markings(birdseye_to_road(pixels, warp, camera), truth)
+    close: np.ndarray = np.logical_or(*on_lines)
+    masks = np.zeros((3, *mask.shape), bool)
+    for drawn, chosen in zip(masks, (counted & close, counted & ~close, ~counted), strict=True):
+        drawn[pixels[chosen, 1], pixels[chosen, 0]] = True
+    missed_px = []
+    for key, steps in zip(("left_y_m", "right_y_m"), covered, strict=True):
+        line_m = np.column_stack([STEPS_M, np.interp(STEPS_M, truth["x_m"], truth[key])])
+        line_px = warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(line_m)))
+        missed_px += [line_px[k : k + 2] for k in np.flatnonzero(~steps)]
+    precision = float(close[counted].mean()) if counted.any() else 0.0
+    on_line, beside, not_counted = masks
+    each_recall = covered.mean(axis=1)
+    return PaintRating(precision, each_recall.mean(), each_recall, on_line, beside, not_counted, missed_px)
+
+
+def explain_wrong(rating: PaintRating, warp: FourPointWarp, camera: Camera) -> str:
+    """What kind of shapes the pixels beside the lines are."""
+    across_m, _ = metres_per_pixel(warp, camera)
+    beside = rating.beside.astype(np.uint8)
+    wide = cv2.morphologyEx(beside, cv2.MORPH_OPEN, np.ones((1, round(WIDE_M / across_m)), np.uint8))
+    if 2 * wide.sum() > beside.sum():
+        columns = round(LINE_M / across_m, -1)
+        return f"Most of the red shapes are wider than a line, which has about {columns:.0f} columns."
+    return "Most of the red shapes are as narrow as a line. But are they as long as a dash?"
+
+
+def explain_missing(rating: PaintRating, warp: FourPointWarp, camera: Camera) -> str:
+    """Which line is missing, and why that happens."""
+    across_m, along_m = metres_per_pixel(warp, camera)
+    yellow, white = rating.each_recall
+    if yellow < 0.8:
+        columns = round(LINE_M / across_m, -1)
+        return f"Of the solid yellow line it finds only {yellow:.0%}. A line has about {columns:.0f} columns."
+    return (
+        f"Of the white dashes it finds too little ({white:.0%} of their line). Is a threshold too high? Or an opening "
+        f"too long? A dash has {DASH_M / along_m:.0f} rows, but it leans, so that each of its columns is shorter."
+    )
+
+
+def draw_paint(above: np.ndarray, rating: PaintRating) -> None:
+    """5.1: the rated pixels and the missed pieces of the lines on a view from above."""
+    picture = cv2.cvtColor(cv2.cvtColor(above, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB) // 2 + 25
+    for mask, colour in ((rating.on_line, RIGHT), (rating.beside, WRONG), (rating.not_counted, NOT_COUNTED)):
+        picture[mask] = colour
+    for piece_px in rating.missed_px:
+        draw_polyline(picture, piece_px, MISSED, 7.4)
+    title = (
+        "Your mask: green on a line, red beside it, gray not counted (far, or outside the lane).\n"
+        "Magenta: pieces of the lines without a pixel; the gaps between the dashes count, too."
+    )
+    show_pictures([picture], [title], columns=1)
+
 
 MakeMask = Callable[[np.ndarray], Any]
 
@@ -96,13 +189,10 @@ def check_lane_width(
             drawn[rows, round(share * columns) :][:, :LINE_WIDTH_PX] = 255
     answers = tried(lane_width(binary.copy())), lane_width(drawn.copy())
     width_m, drawn_m = (np.nan if answer is None or np.ndim(answer) else float(answer) for answer in answers)
-    require(
-        np.isfinite([width_m, drawn_m]).all(), "return one number for each binary, the width in metres; NaN is none."
-    )
-    require(
-        abs(width_m - drawn_m) >= 0.005,
-        f"{width_m:.2f} m, and the same for a narrower lane. Compute it from the argument `binary`.",
-    )
+    numbers = "return one number for each binary, the width in metres; NaN is none."
+    require(np.isfinite([width_m, drawn_m]).all(), numbers)
+    same = f"{width_m:.2f} m, and the same for a narrower lane. Compute it from the argument `binary`."
+    require(abs(width_m - drawn_m) >= 0.005, same)
     across_m = metres_per_pixel(warp, camera)[0]
     _require_width(width_m, lane_histogram(binary), across_m, f"{width_m:.2f} m for this lane. ")
     _require_width(drawn_m, lane_histogram(drawn), across_m, f"{drawn_m:.2f} m for a drawn, narrower lane. ")
@@ -156,6 +246,18 @@ def check_coasting(climb: Callable[[np.ndarray, float], np.ndarray | None]) -> s
         panels |= panel
     draw_caught(panels)
     return f"{reached}."
+
+
+def draw_caught(panels: Mapping[str, tuple[np.ndarray, ...]]) -> None:
+    """6.2: by title three masks (height, width): of a line, of everything that is set, and of what was caught."""
+    pictures = []
+    for line, every, caught in panels.values():
+        picture = np.full((*line.shape, 3), DARK, np.uint8)
+        for mask, colour in ((every, NOT_COUNTED), (line, WRONG), (caught, OTHER_LINE), (caught & line, RIGHT)):
+            picture[mask] = colour
+        pictures.append(picture)
+    figure, _ = show_pictures(pictures, list(panels), width_in=6.0 * len(pictures))
+    figure.suptitle("Green: caught. Red: missed. Orange: caught from the other line (gray).", fontsize=11)
 
 
 def _caught(pixels: np.ndarray, binary: np.ndarray) -> np.ndarray:
@@ -242,6 +344,14 @@ def check_bar(bar_px: np.ndarray, *, left: Line, right: Line, camera: Camera, im
     return f"both ends are within {max(*off_px.values(), 0.1):.1f} px."
 
 
+def draw_bar(image: np.ndarray, bar_px: np.ndarray, true_px: np.ndarray) -> None:
+    """8.1: a bar (2, 2) on a raw image, and the true one."""
+    picture = image.copy()
+    draw_polyline(picture, true_px, RIGHT, 9)
+    draw_polyline(picture, np.clip(bar_px, -1e4, 1e4), WRONG, 4)
+    show_pictures([picture], ["Your bar: red. True bar: green."], columns=1, width_in=9.0)
+
+
 # 8.2: seconds of the video that begin beside a car, frames a second, largest offset error (1.06 m without a check, 0.19
 # m with that of the solution), and the share of the frames that must have a lane.
 ALONGSIDE_S, FPS = (4.68, 7.2), 25
@@ -261,10 +371,8 @@ def check_sanity(
     `follow` gives the offset of each frame between two times, for a memory with a sanity check.
     """
     left, right = lane
-    require(
-        tried(is_plausible(left, right)),
-        "it refuses the lane of chapter 7. The width of a lane is about 3.7 m, give or take half a metre.",
-    )
+    refused = "it refuses the lane of chapter 7. The width of a lane is about 3.7 m, give or take half a metre."
+    require(tried(is_plausible(left, right)), refused)
     spread = np.add(left, (0, 0.35, -0.35 * 719))
     bend = np.array([4.5e-3, -2 * 4.5e-3 * 719, 4.5e-3 * 719**2])
     width = np.array([0, 0, np.polyval(np.subtract(left, right), 719)])
@@ -294,9 +402,8 @@ def _judge_drive(before: np.ndarray, after: np.ndarray, truth: Mapping[str, np.n
     if truth is None:
         return f"{found:.0%} of the frames have a lane (no truth known for this video)."
     worst_before, worst = (float(np.nanmax(np.abs(offset_m - curves["truth"]))) for offset_m in (before, after))
-    require(
-        worst <= OFFSET_TOLERANCE_M, f"the offset is still wrong by {worst:.1f} m. Which pair does it believe there?"
-    )
+    wrong = f"the offset is still wrong by {worst:.1f} m. Which pair does it believe there?"
+    require(worst <= OFFSET_TOLERANCE_M, wrong)
     return (
         f"the offset was wrong by up to {worst_before:.1f} m, now by {worst:.1f} m; {found:.0%} of the frames have a "
         "lane."

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from course.exercises.drawings import draw_filtered_drive
-from course.exercises.gated_drive import filter_drive
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.plots import LEGEND_ABOVE, TRUTH_LOOK
 from lanes.camera import Camera, CameraPose
+from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR
+from lanes.figures import new_figure, rgb
 
 # 9.1: height of the camera, width and distance of a lane, metres, and by how many degrees the assumed pitch is too
 # large. Cameras of a car and a lorry; the view looks too far down and too far up.
@@ -265,6 +266,86 @@ def _distance(z: np.ndarray) -> float:
     """Squared Mahalanobis distance of a measurement from its prediction."""
     innovation = z - H @ STATE
     return float(innovation @ np.linalg.solve(H @ P @ H.T + R, innovation))
+
+
+# 12.2, the drive that is drawn: a filter is tried on measurements of which some are of the neighbouring lane.
+# Measurements, seconds between two of them, speed, and how many are of the neighbouring lane, and how far that is.
+COUNT, STEP_S, SPEED_MPS = 100, 0.1, 27.0
+WRONG_COUNT, LANE_M = 10, 3.7
+# As in chapter 12, states are (offset, heading, curvature). Measurements are (left + right, heading): H is not square.
+DRIVE_F = np.array([[1, -SPEED_MPS * STEP_S, 0], [0, 1, 0], [0, 0, 1]])
+DRIVE_H = np.diag([-2.0, 1, 1])[:2]
+DRIVE_Q = np.diag([0.03, 0.02, 0.005]) ** 2 * STEP_S
+FIRST_P = np.diag([1, 0.05, 0.005]) ** 2
+NOISE_STD = np.array([0.15, 0.006])
+
+
+@dataclass(frozen=True, eq=False)
+class FilteredDrive:
+    """A drive of N frames: true, measured and filtered offset, its standard deviation, and what was accepted."""
+
+    times_s: np.ndarray
+    true_m: np.ndarray
+    measured_m: np.ndarray
+    accepted: np.ndarray
+    offset_m: np.ndarray
+    std_m: np.ndarray
+
+
+def draw_filtered_drive(drive: FilteredDrive) -> None:
+    """12.2: the offset over time, all of it and enlarged."""
+    figure, axes = new_figure(2, 1, (12, 6), sharex=True)
+    blue = rgb(RIGHT_COLOUR)
+    # a filter that diverges leaves the axes, whose limits are fixed
+    offset_m, band_m = np.clip(drive.offset_m, -99, 99), np.minimum(2 * drive.std_m, 99)
+    for axis, limit_m in zip(axes, (4.6, 0.8), strict=True):
+        axis.fill_between(drive.times_s, offset_m - band_m, offset_m + band_m, color=blue, alpha=0.25, lw=0)
+        axis.plot(drive.times_s, offset_m, color=blue, label="your filter, ± 2 standard deviations")
+        axis.plot(drive.times_s, drive.true_m, label="truth", **TRUTH_LOOK)
+        for used, look, colour, label in ((True, ".", LANE_COLOUR, "accepted"), (False, "x", LEFT_COLOUR, "rejected")):
+            chosen = drive.accepted == used
+            axis.plot(drive.times_s[chosen], drive.measured_m[chosen], look, color=rgb(colour), ms=7, label=label)
+        axis.set(ylabel="offset (m)", ylim=(-limit_m, limit_m))
+        axis.grid(alpha=0.3)
+    axes[0].set_title("10 % of the measurements are of the neighbouring lane", loc="left")
+    axes[0].legend(ncols=4, **LEGEND_ABOVE)
+    axes[1].set_title("Enlarged", loc="left")
+    axes[1].set_xlabel("time (s)")
+
+
+def filter_drive(correct_state: Correct) -> FilteredDrive | None:
+    """The drive filtered with a correct step; None if it raises an error or returns other shapes."""
+    true_m, measurements = simulate_drive()
+    state, covariance = np.zeros(3), FIRST_P
+    accepted, offset_m, std_m = [], [], []
+    for z in measurements:
+        state, covariance = DRIVE_F @ state, DRIVE_F @ covariance @ DRIVE_F.T + DRIVE_Q
+        try:
+            with np.errstate(all="ignore"):
+                found = correct_state(state.copy(), covariance.copy(), z.copy(), np.diag(NOISE_STD**2), DRIVE_H.copy())
+            new_state, covariance = (np.asarray(part, float) for part in found)
+        except Exception:  # the code of the reader may raise anything
+            return None
+        if new_state.shape != (3,) or covariance.shape != (3, 3):
+            return None
+        accepted.append(not np.array_equal(new_state, state))
+        state = new_state
+        offset_m.append(state[0])
+        std_m.append(np.sqrt(max(covariance[0, 0], 0)))
+    series = true_m, -measurements[:, 0] / 2, np.array(accepted), np.array(offset_m), np.array(std_m)
+    return FilteredDrive(np.arange(COUNT) * STEP_S, *series)
+
+
+def simulate_drive() -> tuple[np.ndarray, np.ndarray]:
+    """True offsets (N,), metres, and measurements (N, 2)."""
+    rng = np.random.default_rng(12)
+    heading = 0.01 * np.sin(np.arange(COUNT) * STEP_S)
+    states = np.column_stack([0.3 - SPEED_MPS * STEP_S * np.cumsum(heading), heading, np.zeros(COUNT)])
+    measurements = states @ DRIVE_H.T + rng.normal(0, NOISE_STD, (COUNT, 2))
+    # not the first ones, with which the filter finds the lane
+    wrong = rng.choice(np.arange(5, COUNT), WRONG_COUNT, replace=False)
+    measurements[wrong, 0] += 2 * LANE_M * rng.choice([-1, 1], WRONG_COUNT)
+    return states[:, 0], measurements
 
 
 CHECKS: Checks = {

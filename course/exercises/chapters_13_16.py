@@ -3,20 +3,120 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from benchmark.scored_drive import COMMITTED, PROJECT_ROOT
+from benchmark.evaluation import COMMITTED, PROJECT_ROOT
 from benchmark.systems import OwnFinder
-from course.accuracy import score_finders
-from course.exercises.drawings import draw_occlusion
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
-from course.exercises.occlusion import FIRST_ROW, LARGEST_M, SHAPE, SQUARE_PX, require_occlusion
+from course.measures import score_finders
 from lanes.camera import Camera, load_camera
+from lanes.detect.lane import Lane
 from lanes.draw import draw_lane
+from lanes.figures import new_figure
 from lanes.stills import find_lane
 from lanes.video.reader import read_video
+
+# 13.1, after M. D. Zeiler and R. Fergus, "Visualizing and understanding convolutional networks", European Conference on
+# Computer Vision, 2014.
+# Rows and columns of squares, their size in pixels, the first row of the image, and their gray level.
+SHAPE, SQUARE_PX, FIRST_ROW, GRAY = (5, 16), 80, 320, 128
+# Distances at which lanes are compared: that of the exercise, and one that a reader may take instead, metres.
+AHEAD_M = np.array([20.0, 10.0])
+LARGEST_M, CLOSE_M = 1.0, 0.002
+# A map is compared at the squares on the lines at these distances (metres), at two above the road, and where its own
+# values are largest. Wrong covers are only tried where it is wrong.
+ON_LINES_M = np.array([6.5, 8.0, 11.0, 15.0, 22.0])
+ABOVE_ROAD, LARGEST_COUNT, COMPARED_COUNT = ([0, 0], [0, 15]), 5, 5
+
+Cover = Callable[[np.ndarray, int, int], np.ndarray]
+
+
+def choose_squares(moved_m: np.ndarray, lane: Lane, camera: Camera) -> np.ndarray:
+    """The squares (N, 2), as (row, column), at which a map is compared with the right one."""
+    lines_m = [np.column_stack([ON_LINES_M, y_m]) for y_m in lane.lateral_m(ON_LINES_M)]
+    columns_px, rows_px = camera.road_to_pixels(np.vstack(lines_m)).T
+    on_lines = np.column_stack([rows_px - FIRST_ROW, columns_px]) // SQUARE_PX
+    inside = ((on_lines >= 0) & (on_lines < SHAPE)).all(axis=1)
+    largest = np.unravel_index(np.argsort(moved_m.ravel())[-LARGEST_COUNT:], SHAPE)
+    return np.unique(np.vstack([ABOVE_ROAD, on_lines[inside], np.column_stack(largest)]).astype(int), axis=0)
+
+
+def cover_square(image: np.ndarray, row: int, column: int, *, level: int = GRAY) -> np.ndarray:
+    """A copy of an image with one square covered."""
+    covered = image.copy()
+    top, left = FIRST_ROW + SQUARE_PX * row, SQUARE_PX * column
+    covered[top : top + SQUARE_PX, left : left + SQUARE_PX] = level
+    return covered
+
+
+def require_occlusion(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camera: Camera) -> None:
+    """Raise a `HintError` if a map is wrong at some of its squares; the uncovered image has this lane."""
+    squares = choose_squares(moved_m, lane, camera)
+    mine, signed = moved_m[tuple(squares.T)], _moves(image, lane, camera, squares, cover_square)
+    size = np.minimum(np.abs(signed), LARGEST_M)
+    expected = size[:, :, 0].max(axis=1)
+    if np.allclose(mine, expected, rtol=0, atol=CLOSE_M):
+        return
+    same = "every value is 0. Cover parts of the road, and compare with the lane of the uncovered image."
+    require(moved_m.any(), same)
+    mistakes = {
+        "this is the left line alone. Take the larger of both.": size[:, 0, 0],
+        "this is the right line alone. Take the larger of both.": size[:, 1, 0],
+        "moves to one side are missing. Take the absolute difference.": np.clip(
+            signed[:, :, 0].max(axis=1), 0, LARGEST_M
+        ),
+        "this is 10 m ahead. Compare the lines 20 m ahead.": size[:, :, 1].max(axis=1),
+    }
+    wrong = np.argsort(-np.abs(expected - mine))[:COMPARED_COUNT]
+    for sentence, cover in WRONG_COVERS.items():
+        mistakes[sentence] = mine.copy()
+        moved = np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0])
+        mistakes[sentence][wrong] = np.minimum(moved.max(axis=1), LARGEST_M)
+    place, got_m, right_m = squares[wrong[0]].tolist(), mine[wrong[0]], expected[wrong[0]]
+    otherwise = f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 80 x 80 pixels gray, 128?"
+    require_equal(mine, expected, mistakes, otherwise, atol=CLOSE_M)
+
+
+def draw_occlusion(image: np.ndarray, moved_m: np.ndarray) -> None:
+    """13.1: a map (rows, columns) of squares, metres, on an image (height, width, 3) from FIRST_ROW down."""
+    height, width = image.shape[:2]
+    figure, (axis,) = new_figure(1, 1, (12, 6.2))
+    axis.imshow(image)
+    largest_m = max(float(moved_m.max()), 0.01)
+    place = (-0.5, width - 0.5, height - 0.5, FIRST_ROW - 0.5)
+    shown = {"cmap": "autumn_r", "vmin": 0.0, "vmax": largest_m, "extent": place}
+    heat = axis.imshow(moved_m, alpha=0.75 * np.clip(moved_m / largest_m, 0, 1) ** 0.5, **shown)
+    axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
+    axis.set_title("Your map: how far the lane moves if a square is covered")
+    axis.set_axis_off()
+    figure.colorbar(heat, ax=axis, label="moved, 20 m ahead (m)", fraction=0.025)
+
+
+def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, cover: Cover) -> np.ndarray:
+    """By how much both lines move to the left (squares, 2, distances), metres; `LARGEST_M` if no lane is found."""
+    before_m, moves = lane.lateral_m(AHEAD_M), []
+    for row, column in squares.tolist():
+        found = find_lane(cover(image, row, column), camera)
+        moves.append(np.full_like(before_m, LARGEST_M) if found is None else found.lateral_m(AHEAD_M) - before_m)
+    return np.array(moves)
+
+
+def _cover_so_far(image: np.ndarray, row: int, column: int) -> np.ndarray:
+    """A copy with this square and all before it covered."""
+    covered = image.copy()
+    top, left = FIRST_ROW + SQUARE_PX * row, SQUARE_PX * (column + 1)
+    covered[FIRST_ROW:top] = GRAY
+    covered[top : top + SQUARE_PX, :left] = GRAY
+    return covered
+
+
+WRONG_COVERS: dict[str, Cover] = {
+    "the squares add up: begin with a new image.copy() for each square.": _cover_so_far,
+    "you cover with black. Use gray, (128, 128, 128).": partial(cover_square, level=0),
+}
 
 
 def check_occlusion_map(
@@ -33,11 +133,9 @@ def check_occlusion_map(
     require(moved_m.max() <= LARGEST_M, f"the map has a value of {moved_m.max():.2f} m. Limit it to 1 m.")
     if (lane := find_lane(image, camera)) is None:
         raise HintError("there is no lane in this image; take another one.")
-    draw_occlusion(draw_lane(image, lane, camera, style="lines"), moved_m, FIRST_ROW)
-    require(
-        np.array_equal(given, image),
-        "you cover the image itself, so the squares add up. Begin with image.copy() for each square.",
-    )
+    draw_occlusion(draw_lane(image, lane, camera, style="lines"), moved_m)
+    same = "you cover the image itself, so the squares add up. Begin with image.copy() for each square."
+    require(np.array_equal(given, image), same)
     require_occlusion(moved_m, image, lane, camera)
     row, column = np.unravel_index(moved_m.argmax(), SHAPE)
     return (
@@ -103,9 +201,8 @@ LEAST_ACCURACY, MOST_WRONG, HAIRPINS = 0.9, 0.2, "harder-challenge"
 def check_honest_finder(find: OwnFinder) -> str:
     """15.1: a finder that is right on good roads, and returns None in hairpins instead of a wrong lane."""
     if used := {"find_lane", "LaneTracker", "track"} & set(find.__code__.co_names):
-        raise HintError(
-            f"{min(used)} is the engine. Build your finder from your own parts: joint_finder and your mask."
-        )
+        parts = "Build your finder from your own parts: joint_finder and your mask."
+        raise HintError(f"{min(used)} is the engine. {parts}")
     videos = [PROJECT_ROOT / "test_videos" / file for file in COMMITTED.values()]
     first = (find(next(read_video(video)), load_camera(video.with_suffix(".yaml"))) for video in videos)
     tried(next((lines for lines in first if lines is not None), None))

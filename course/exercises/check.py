@@ -14,7 +14,7 @@ def check_exercise(number: str, answer: object, **given: object) -> None:
     """Check the answer to an exercise and print the verdict.
 
     Prints "6.1: not tried yet.", a hint, or "6.1: correct, ..." with the number reached. An answer of None, or a
-    function that returns None, is not tried yet.
+    function that returns None, is not tried yet. Raises ValueError if no exercise has this number.
 
     Parameters
     ----------
@@ -24,11 +24,6 @@ def check_exercise(number: str, answer: object, **given: object) -> None:
         A value, or a function that the check calls.
     **given
         Further arguments of the check, as in the starter cell of the exercise.
-
-    Raises
-    ------
-    ValueError
-        If no exercise has this number.
     """
     if number not in CHECKS:
         raise ValueError(f"there is no exercise {number!r}; the exercises are {', '.join(sorted(CHECKS))}.")

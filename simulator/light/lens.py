@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from simulator.light.sunlight import Shade, light_along
-from simulator.painting.brush import split_channels
+from simulator.painting import split_channels
 from simulator.road.surface import MATERIALS, Surface
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -23,6 +23,8 @@ TONE_STEPS = 4096
 MAX_LIGHT = 4.0
 # Road luminance at which the automatic exposure is neutral: used asphalt.
 REFERENCE_LUMINANCE = 0.055
+# Luminance of the road below which the gain of the automatic exposure no longer rises.
+DARKEST = 0.006
 # Toe of the tone curve: light of this value is halved.
 TOE = 0.012
 # Metering area on the road: metres ahead, lateral positions, and sampling step along the road.
@@ -123,13 +125,11 @@ class AutoExposure:
     """Parameters of the automatic exposure.
 
     After `time_constant_s` the exposure (in stops) has followed 63 % of a sudden change of light. A `strength` of 0 is
-    a fixed exposure; 1 finally renders every road equally bright. `darkest` is the luminance of the road below which
-    the gain no longer rises.
+    a fixed exposure; 1 finally renders every road equally bright.
     """
 
     time_constant_s: float = 0.7
     strength: float = 0.8
-    darkest: float = 0.006
 
     def adapted_light(self, station_m: Callable[[float], float], road_light: RoadLight, time_s: float) -> float:
         """Luminance of the road to which the exposure has adapted at `time_s`.
@@ -139,7 +139,7 @@ class AutoExposure:
         age_s = np.arange(0.0, MEMORY_TIME_CONSTANTS * self.time_constant_s, SAMPLE_STEP_S)
         stations = np.array([station_m(time_s - float(t)) for t in age_s])
         weight = np.exp(-age_s / self.time_constant_s)
-        stops = np.log2(np.maximum(road_light.metered(stations), self.darkest))
+        stops = np.log2(np.maximum(road_light.metered(stations), DARKEST))
         return float(2.0 ** ((weight * stops).sum() / weight.sum()))
 
     def lens(self, lens: Lens, adapted_light: float) -> Lens:
@@ -168,9 +168,8 @@ class RoadLight:
 
     def luminance(self, s_m: np.ndarray) -> np.ndarray:
         """Luminance (N,) of the road at arc lengths (N,), averaged over the lane."""
-        light = np.mean(
-            [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M], axis=0
-        )
+        lights = [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M]
+        light = np.mean(lights, axis=0)
         zones = sorted(self.surface.zones, key=lambda zone: zone.start_m)
         which = np.searchsorted([zone.start_m for zone in zones[1:]], s_m, side="right")
         colours = np.array([MATERIALS[zone.material].colour for zone in zones], np.float32)

@@ -1,4 +1,4 @@
-"""Vehicles as flat-shaded faces: cars, lorries and motorcycles, and their painter.
+"""Vehicles as flat-shaded faces (cars, lorries and motorcycles), and the bonnet of the car with the camera.
 
 The frame of a vehicle is x forward, y left, z up, with its origin on the ground below its centre.
 """
@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import NamedTuple
 
+import cv2
 import numpy as np
 from numpy.typing import ArrayLike
 
 from simulator.light.sunlight import irradiance
 from simulator.objects.standing import Standing
-from simulator.painting.brush import Atmosphere, Canvas, face_normals, paint_polygons
+from simulator.painting import Atmosphere, Canvas, composite, face_normals, paint_polygons, smoothstep
 
 PAINTS = {
     "white": (0.74, 0.74, 0.72),
@@ -86,12 +87,6 @@ def outline_points(body: str) -> np.ndarray:
     """Points (N, 3) on a vehicle in its own frame, whose projected hull is its outline."""
     faces = _loft(BODIES[body], 8) if body in BODIES else vehicle_faces(body, "black").corners_m
     return faces.reshape(-1, 3)
-
-
-def footprint(body: str) -> np.ndarray:
-    """Corners (4, 3) of the ground area below a vehicle, in its own frame."""
-    rear, front, half = FOOTPRINTS.get(body, CAR_FOOTPRINT)
-    return np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
 
 
 def _loft(rings: np.ndarray, around: int) -> np.ndarray:
@@ -221,10 +216,51 @@ class Car(Standing):
         # Parts on the body keep their order; the others are sorted from far to near.
         seen = seen[np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))]
         colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
-        ground = footprint(self.body)
+        rear, front, half = FOOTPRINTS.get(self.body, CAR_FOOTPRINT)
+        ground = np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
         corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + self.foot_m
         pixels = canvas.project_faces(corners)
         blur = float(np.clip(40 / max(self.distance_m, 1), 0.5, 4))
         dark = np.full((2, 3), 0.004)
         paint_polygons(canvas, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
         paint_polygons(canvas, pixels[:-2], colours, atmosphere=air)
+
+
+# The bonnet is dusty, reddish-brown, out of focus, and fixed at the bottom edge of the image.
+# Upper edge as shares of image width and height: left wing, dip, hump in the middle, right wing.
+BONNET = np.array(
+    [
+        [-0.02, 0.933], [0.05, 0.936], [0.11, 0.943], [0.16, 0.9515], [0.21, 0.953], [0.27, 0.9495], [0.34, 0.9395],
+        [0.42, 0.932], [0.52, 0.9295], [0.62, 0.9315], [0.69, 0.9375], [0.75, 0.9425], [0.82, 0.9435], [0.86, 0.9395],
+        [0.90, 0.931], [0.95, 0.922], [1.02, 0.917],
+    ]
+)  # fmt: skip
+BONNET_PAINT = np.array([0.190, 0.125, 0.110])
+
+
+def paint_bonnet(image: np.ndarray, *, light: float = 1.0) -> None:
+    """Paint the bonnet along the bottom of an image (H, W, 3) float32, in place.
+
+    `light` is 1 in the sun and about 0.25 under trees.
+    """
+    layer, top = _bonnet_layer((image.shape[1], image.shape[0]))
+    composite(image, layer, 0, top, Atmosphere(light))
+
+
+@lru_cache(maxsize=4)
+def _bonnet_layer(size: tuple[int, int]) -> tuple[np.ndarray, int]:
+    """Premultiplied RGBA image of the bonnet (rows, W, 4), and its first row."""
+    width, height = size
+    # Linear interpolation, smoothed to look like pressed steel.
+    edge = np.interp(np.arange(width, dtype=float), BONNET[:, 0] * width, BONNET[:, 1] * height)
+    window = max(3, int(0.05 * width)) | 1
+    edge = cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
+    scale = height / 720
+    top = int(edge.min() - 8 * scale)
+    inward = (np.arange(top, height)[:, None] - edge) / scale
+    # The edge is out of focus: a ramp of about three rows. It reflects the sky at a grazing angle.
+    cover = smoothstep(-1.6, 1.6, inward)
+    tone = cover * (1 - 0.3 * smoothstep(0, 40, inward))
+    layer: np.ndarray = cv2.merge([*(tone * channel for channel in BONNET_PAINT), cover]).astype(np.float32)
+    layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
+    return layer, top

@@ -10,19 +10,18 @@ import numpy as np
 
 from lanes.camera import Camera
 from simulator.backdrop import BackdropStyle
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
-from simulator.light.sunlight import Shade, Sun
-from simulator.objects.overpass import Overpass
+from simulator.light.sunlight import Glare, Shade, Sun
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.walls import Overpass
 from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.markings import Marking, Symbol
 from simulator.road.surface import Surface
 from simulator.road.truth import Truth, lane_truth
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain, Wet
+from simulator.weather import Fog, Night, Wet
 
+# Speed at which a car in a bend moves along its longitudinal axis.
+TANGENT_MPS = 20.0
 Difficulty = Literal["clean", "medium", "hard", "no lane"]
 
 
@@ -37,7 +36,7 @@ class Motion:
     motion. A lane change is a lateral shift of `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle
     behind the camera: the heading of a slow car is the direction of the road at its rear axle, so in a sharp bend it
     lags behind the road at the camera. The slip of the rear tyres turns the car inwards: the lag shrinks with the
-    square of the speed, and is gone at `tangent_mps`.
+    square of the speed, and is gone at TANGENT_MPS.
     """
 
     start_m: float = 0.0
@@ -53,7 +52,6 @@ class Motion:
     shift_start_s: float = 0.0
     shift_seconds: float = 4.0
     rear_axle_m: float = 0.0
-    tangent_mps: float = 20.0
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
@@ -61,18 +59,13 @@ class Motion:
         part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
         lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
         aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
-        station, speed = self._progress(time_s)
+        station, speed = self.progress(time_s)
         heading = self.heading_rad
         if speed:
             heading += float(np.arctan(aside / speed))
         return VehiclePose(station, float(lateral), heading)
 
-    def lag_m(self, time_s: float) -> float:
-        """Distance from the camera back to the point of the car that moves along the car's longitudinal axis."""
-        _, speed = self._progress(time_s)
-        return self.rear_axle_m * (1 - (speed / self.tangent_mps) ** 2)
-
-    def _progress(self, time_s: float) -> tuple[float, float]:
+    def progress(self, time_s: float) -> tuple[float, float]:
         """Arc length and speed at a time."""
         if not self.later_speeds:
             return self.start_m + self.speed_mps * time_s, self.speed_mps
@@ -116,7 +109,7 @@ class Drive:
     glare: Glare | None = None
     night: Night | None = None
     wet: Wet | None = None
-    rain: Rain | None = None
+    rain: bool = False
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""
@@ -129,7 +122,9 @@ class Drive:
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
             return pose
-        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - self.motion.lag_m(time_s))
+        # from the camera back to the point of the car that moves along the car's longitudinal axis
+        back_m = self.motion.rear_axle_m * (1 - (self.motion.progress(time_s)[1] / TANGENT_MPS) ** 2)
+        lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - back_m)
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:

@@ -1,39 +1,51 @@
-"""Renders a frame of a drive, with its ground truth."""
+"""Renders a frame of a drive, or a video file, with its ground truth."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera import Camera, save_camera
+from lanes.files import atomic_write, translate_write_errors
+from lanes.video.reader import inspect_video
 from simulator.backdrop import aerial_perspective, paint_backdrop
-from simulator.light.glare import add_glare, add_sheen
 from simulator.light.lens import LUMINANCE, RoadLight, develop
 from simulator.light.sunlight import (
     OVERCAST_LIGHT,
     SKY_SHARE,
     TreeShade,
+    add_glare,
+    add_sheen,
     light_along,
     light_on_ground,
     sky_on_ground,
     sun_along,
     sunlight_on_ground,
 )
-from simulator.objects.bonnet import paint_bonnet
-from simulator.objects.scene_objects import SceneObject, from_far_to_near, objects_in_view
-from simulator.objects.shadows import MAX_SHADOW_M, cast_shadows, shadow_polygons
-from simulator.objects.trees import Tree
-from simulator.painting.brush import Atmosphere, Canvas, split_channels
+from simulator.objects.scene_objects import (
+    MAX_SHADOW_M,
+    SceneObject,
+    cast_shadows,
+    from_far_to_near,
+    objects_in_view,
+    shadow_polygons,
+)
+from simulator.objects.standing import Tree
+from simulator.objects.vehicles import paint_bonnet
+from simulator.painting import Atmosphere, Canvas, split_channels
+from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
-from simulator.road.ground import MAX_GROUND_M, Ground, cast_on_ground, pixel_rays
+from simulator.road.ground import MAX_GROUND_M, Ground, RoadAhead, cast_on_ground, pixel_rays
 from simulator.road.markings import paint_markings
-from simulator.road.road_ahead import RoadAhead
 from simulator.road.surface import ground_albedo
-from simulator.road.truth import Truth
-from simulator.weather.night import add_lamps, visible_lamps
-from simulator.weather.rain import add_falling_drops, add_lamp_reflections, add_windscreen_drops
+from simulator.road.truth import Truth, truth_row, write_truth_csv
+from simulator.weather import add_falling_drops, add_lamp_reflections, add_lamps, add_windscreen_drops, visible_lamps
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
@@ -265,11 +277,80 @@ def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *
 def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
     """Image that the camera stores of the light in front of the windscreen."""
     seed, lens = drive.seed * 7919 + round(time_s * 1000), drive.lens
-    if drive.rain is not None:
-        add_falling_drops(light, drive.rain, seed=seed)
-        light = add_windscreen_drops(light, drive.rain, time_s, seed=drive.seed)
+    if drive.rain:
+        add_falling_drops(light, seed=seed)
+        light = add_windscreen_drops(light, time_s, seed=drive.seed)
     if drive.exposure is not None:
         road = RoadLight(drive.surface, drive.shades, drive.seed)
         road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road, time_s)
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
+
+
+Progress = Callable[[int, int], None]
+
+# CRF 21 preserves the texture of asphalt at about 6 Mbit/s.
+VIDEO_CRF = 21
+# Smaller files for 0.08 s more a frame, because videos are committed.
+VIDEO_PRESET = "slow"
+# One encoder thread, because x264 output depends on the number of threads.
+# faststart: browsers can play the file while it loads.
+ENCODER = ["-threads", "1", "-movflags", "+faststart", "-bitexact"]
+
+VIDEO_SECONDS = 10.0
+VIDEO_FPS = 25
+
+
+def write_video(
+    path: str | Path,
+    *,
+    drive: Drive,
+    seconds: float = VIDEO_SECONDS,
+    crf: int = VIDEO_CRF,
+    preset: str = VIDEO_PRESET,
+    progress: Progress | None = None,
+    workers: int | None = None,
+) -> list[Path]:
+    """Files written: a drive as H.264 video (.mp4), its ground truth (.csv, a row for each frame) and camera (.yaml).
+
+    `crf` and `preset` are quality and speed of x264. `progress` is called as progress(frames done, number of frames).
+    `workers` is the number of processes (default: one for each available CPU) and does not change the files. Raises
+    OSError if the folder cannot be written to or the encoder fails.
+    """
+    path = Path(path)
+    count = round(seconds * VIDEO_FPS)
+    with atomic_write(path) as unfinished, translate_write_errors(path):
+        rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
+        # The encoder is a separate process, which can be killed or run out of disk space silently.
+        if inspect_video(unfinished).frames != count:
+            raise OSError(f"the encoder wrote fewer than {count} frames")
+    write_truth_csv(path.with_suffix(".csv"), rows)
+    save_camera(drive.camera, path.with_suffix(".yaml"))
+    return [path, path.with_suffix(".csv"), path.with_suffix(".yaml")]
+
+
+def _encode(
+    path: Path, drive: Drive, count: int, quality: list[str], progress: Progress | None, workers: int | None
+) -> list[dict]:
+    """Render and encode `count` frames; returns the rows of the truth CSV."""
+    # Imported here, because it is slow and only rendering needs it.
+    import imageio_ffmpeg
+
+    how = {"fps": VIDEO_FPS, "codec": "libx264", "quality": None, "macro_block_size": 1}
+    writer = imageio_ffmpeg.write_frames(str(path), drive.camera.size, **how, output_params=[*quality, *ENCODER])
+    rows = []
+    frames = map_ordered(partial(_video_frame, drive), range(count), workers=workers)
+    with closing(writer), closing(frames):
+        writer.send(None)
+        for image, row in frames:
+            writer.send(image)
+            rows.append(row)
+            if progress:
+                progress(len(rows), count)
+    return rows
+
+
+def _video_frame(drive: Drive, number: int) -> tuple[bytes, dict]:
+    """Bytes of a frame, and its row of the truth CSV."""
+    frame = render_frame(drive, number / VIDEO_FPS)
+    return frame.image.tobytes(), truth_row(frame.truth, frame=number)

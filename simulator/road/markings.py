@@ -10,8 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simulator.painting.brush import blend_pixels
-from simulator.painting.noise import band_noise_tile, fade, sample, sample_noise
+from simulator.painting import band_noise_tile, blend_pixels, fade, sample, sample_noise
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
 # Linear reflectance relative to fresh white paint.
@@ -70,11 +69,8 @@ class Marking:
         """Lateral edges (low, high) of the stripes, metres."""
         if not self.double_gap_m:
             return [(self.lateral_m - self.width_m / 2, self.lateral_m + self.width_m / 2)]
-        inner = self.double_gap_m / 2
-        return [
-            (self.lateral_m + inner, self.lateral_m + inner + self.width_m),
-            (self.lateral_m - inner - self.width_m, self.lateral_m - inner),
-        ]
+        left, right = self.lateral_m + self.double_gap_m / 2, self.lateral_m - self.double_gap_m / 2
+        return [(left, left + self.width_m), (right - self.width_m, right)]
 
     def coverage(self, ground: Ground) -> tuple[np.ndarray, np.ndarray]:
         """Share of each pixel that is covered by fresh paint.

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simulator.painting.brush import blend_pixels
-from simulator.painting.noise import band_noise_tile, fade, sample_noise
+from simulator.painting import band_noise_tile, blend_pixels, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 
 TAR = (0.028, 0.027, 0.029)
@@ -138,9 +137,8 @@ def _noise_layers(surface: Surface, ground: Ground, seed: int) -> list[np.ndarra
         first = int(np.argmax(near)) if near.any() else len(s)
         if first < len(s):
             # Stretched along the road, because the car moves 2 to 3 cm during the exposure.
-            part = sample_noise(
-                band_noise_tile(seed + number), s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave
-            )
+            tile = band_noise_tile(seed + number)
+            part = sample_noise(tile, s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave)
             grain[first:] += part * fade(footprint[first:], wave) * np.float32(strength)
     tile = band_noise_tile(seed + 7, octaves=4)
     # Stains are stretched in the direction of travel.
@@ -212,9 +210,8 @@ def _blend(below: np.ndarray, name: str, ground: Ground, layers: list[np.ndarray
 def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, layers: list[np.ndarray]) -> None:
     # Only the rows and columns that show the patch, because a parking stall fills 2 % of the image.
     margin_s, margin_d = (half / 2 + np.float32(EDGE_NOISE_M) for half in (ground.footprint_s, ground.footprint_d))
-    near: np.ndarray = cv2.inRange(
-        ground.along, np.float32(patch.start_m) - margin_s, np.float32(patch.end_m) + margin_s
-    )
+    start, end = np.float32(patch.start_m), np.float32(patch.end_m)
+    near: np.ndarray = cv2.inRange(ground.along, start - margin_s, end + margin_s)
     near &= cv2.inRange(ground.d, np.float32(patch.low_m) - margin_d, np.float32(patch.high_m) + margin_d)
     rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
     if not len(rows):

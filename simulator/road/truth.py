@@ -27,10 +27,8 @@ from simulator.road.geometry import (
 H_SAMPLES = np.arange(420, 701, 10)
 NOT_VISIBLE = -2.0
 # Decimals of the fields of Truth and of its lines in the truth files, in the order of the columns.
-SCALAR_DIGITS = {
-    **{"offset_m": 6, "heading_rad": 8, "curvature_per_m": 10, "curvature_rate_per_m2": 12},
-    **{"lane_width_m": 6, "pitch_rad": 8},
-}
+SCALAR_DIGITS = {"offset_m": 6, "heading_rad": 8, "curvature_per_m": 10, "curvature_rate_per_m2": 12}
+SCALAR_DIGITS |= {"lane_width_m": 6, "pitch_rad": 8}
 LINE_DIGITS = {"c0_m": 6, "c1": 8, "c2_per_m": 10, "c3_per_m2": 12}
 NO_LINE = LinePolynomial(np.nan, np.nan, np.nan, np.nan)
 # Distances ahead of the lateral line positions in the truth files.

@@ -1,4 +1,4 @@
-"""Building blocks of the scenes: markings and surface of a freeway, trees, traffic, road and daylight."""
+"""Building blocks of the scenes: the camera, markings and surface of a freeway, trees, traffic, road and daylight."""
 
 from __future__ import annotations
 
@@ -7,17 +7,31 @@ from typing import Any
 
 import numpy as np
 
+from lanes.camera import Camera, CameraPose
 from simulator.backdrop import BackdropStyle
 from simulator.light.sunlight import Sun
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
-from simulator.objects.trees import Tree
+from simulator.objects.standing import Tree
 from simulator.objects.vehicles import Car
 from simulator.objects.walls import WALLS
 from simulator.rendering.drive import Drive
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Patch, Seam, Surface, Zone
-from simulator.scenes.dashcam import DASHCAM
+
+# Camera of all committed images, the ground truth for calibration.
+# A typical dashcam: 63 degrees wide, barrel distortion, principal point off the centre, and small yaw and roll. The
+# distortion polynomial is monotonic over the whole image (Camera.largest_ray is beyond the corners), so that pixels
+# and rays correspond one to one. Pitch and yaw put the vanishing point near column 640, row 422, for which the warps of
+# the classic recipes were made.
+DASHCAM = Camera(
+    width=1280,
+    height=720,
+    matrix=np.array([[1157.8, 0.0, 667.4], [0.0, 1153.2, 386.1], [0.0, 0.0, 1.0]]),
+    distortion=np.array([-0.2442, -0.0208, -0.0011, 0.0003, -0.0121]),
+    pose=CameraPose(height_m=1.32, pitch_rad=np.radians(-1.80), yaw_rad=np.radians(-1.36), roll_rad=np.radians(0.4)),
+)
+
 
 # Twelve feet, the lane of a US freeway.
 LANE_WIDTH_M = 3.66
@@ -138,9 +152,8 @@ def oncoming_cars(
     for s in np.arange(*s_m, 45.0):
         paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
         lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_WIDTH_M * (0.5 + float(rng.integers(3)))
-        cars.append(
-            PlacedObject(float(s + rng.uniform(-15, 15)), lateral, Car(paint, body, heading_rad=np.pi), -speed_mps)
-        )
+        place_m = float(s + rng.uniform(-15, 15))
+        cars.append(PlacedObject(place_m, lateral, Car(paint, body, heading_rad=np.pi), -speed_mps))
     return tuple(cars)
 
 

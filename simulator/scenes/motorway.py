@@ -1,4 +1,7 @@
-"""Motorway scenes: the project video, seams, barriers, worn and missing paint, dots, lane changes, road works."""
+"""Motorway scenes, and scenes without a lane, where no lane may be found.
+
+The project video, seams, barriers, worn and missing paint, dots, lane changes, road works.
+"""
 
 from __future__ import annotations
 
@@ -6,23 +9,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.lens import Lens
+from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import TreeShade
-from simulator.objects.overpass import Overpass
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
+from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
-from simulator.road.surface import Patch, Seam, Zone
-from simulator.scenes.freeway import (
-    LANE_WIDTH_M,
-    Freeway,
-    car,
-    daylight,
-    freeway_drive,
-    oncoming_cars,
-    plant_trees,
-)
+from simulator.road.surface import Patch, Seam, Surface, Zone
+from simulator.scenes.freeway import LANE_WIDTH_M, Freeway, car, daylight, freeway_drive, oncoming_cars, plant_trees
 
 # Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
@@ -80,34 +77,42 @@ def project_video() -> Drive:
     )
 
 
-def motorway_drive(freeway: Freeway = MOTORWAY, **changes) -> Drive:
+# Motion, barrier, bank and cars of `motorway_drive`.
+MOTION = Motion(0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22)))
+BARRIER, BANK = PlacedWall(4.4, "jersey", seed=25), PlacedWall(-18.0, "bank", seed=26)
+# Barriers farther away, and close beside a joint of the pavement; see `joint_fields`.
+FAR_BARRIER = replace(BARRIER, lateral_m=8.1)
+JOINT_BARRIER = replace(BARRIER, lateral_m=JOINT_BARRIER_M, height_scale=1.25)
+CARS = (car(22.0, -1, "silver", "suv", speed_mps=26.0), car(70.0, -2, "white", speed_mps=25.0))
+
+
+def roadside(barrier: PlacedWall = BARRIER, *more: PlacedObject | PlacedWall | Overpass) -> tuple:
+    """Objects of a motorway: a barrier, the bank, and `more` (default: CARS), then oncoming cars and trees."""
+    return (
+        barrier,
+        BANK,
+        *(more or CARS),
+        *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
+        *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=BANK),
+        *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
+    )
+
+
+def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = MOTION.offset_m, **changes) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
-    The car is in the leftmost of four lanes, between solid yellow and broken white. A barrier and the
+    The car is in the leftmost of four lanes, between solid yellow and broken white, at `offset_m`. A barrier and the
     opposite carriageway are to the left; there are some traffic and a grassy bank.
     """
-    bank = PlacedWall(-18.0, "bank", seed=26)
-    drive = freeway_drive(
-        freeway,
-        road=RoadGeometry(
+    usual = {
+        "road": RoadGeometry(
             [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
         ),
-        objects=(
-            PlacedWall(4.4, "jersey", seed=25),
-            bank,
-            car(22.0, -1, "silver", "suv", speed_mps=26.0),
-            car(70.0, -2, "white", speed_mps=25.0),
-            *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
-            *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
-            *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
-        ),
-        motion=Motion(
-            0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22))
-        ),
-        seed=131,
-        **daylight(60, 48, cloud_cover=0.3, tree_density=0.7),
-    )  # fmt: skip
-    return replace(drive, **changes)
+        "objects": roadside(),
+        "motion": replace(MOTION, offset_m=offset_m),
+        "seed": 131,
+    }
+    return freeway_drive(freeway, **usual | daylight(60, 48, cloud_cover=0.3, tree_density=0.7) | changes)
 
 
 def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
@@ -128,22 +133,15 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     return {
         "surface": freeway.surface(),
         "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
-        "motion": replace(motorway_drive().motion, offset_m=0.12, wander_m=0.05),
+        "motion": replace(MOTION, offset_m=0.12, wander_m=0.05),
         "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
     }
-
-
-def _without_barrier() -> tuple[PlacedObject | PlacedWall | Overpass, ...]:
-    """Objects of `motorway_drive` except its barrier."""
-    return tuple(
-        item for item in motorway_drive().objects if not (isinstance(item, PlacedWall) and item.kind == "jersey")
-    )
 
 
 def _joint_and_seam() -> Drive:
     return motorway_drive(
         road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
-        objects=(PlacedWall(JOINT_BARRIER_M, "jersey", height_scale=1.25, seed=25), *_without_barrier()),
+        objects=roadside(JOINT_BARRIER),
         seed=132,
         **joint_fields(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
         **daylight(78, 58, cloud_cover=0.6, tree_density=0.7),
@@ -153,8 +151,8 @@ def _joint_and_seam() -> Drive:
 def _barrier() -> Drive:
     return motorway_drive(
         replace(MOTORWAY, pavement="old asphalt", left_shoulder_m=0.65, wear=0.45),
-        objects=(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=-0.2),
+        objects=roadside(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27)),
+        offset_m=-0.2,
         seed=133,
         **daylight(75, 42, cloud_cover=0.2, tree_density=0.7),
     )
@@ -188,8 +186,8 @@ def _dashes_only() -> Drive:
     return motorway_drive(
         freeway,
         markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in freeway.markings()),
-        objects=(PlacedWall(8.1, "jersey", seed=25), car(30.0, 1, "grey", speed_mps=24.0), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=0.35),
+        objects=roadside(FAR_BARRIER, car(30.0, 1, "grey", speed_mps=24.0), *CARS),
+        offset_m=0.35,
         seed=136,
     )
 
@@ -199,8 +197,8 @@ def _botts_dots() -> Drive:
     return motorway_drive(
         MIDDLE_LANE,
         markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in paint),
-        objects=(PlacedWall(8.1, "jersey", seed=25), *_without_barrier()),
-        motion=replace(motorway_drive().motion, offset_m=-0.25),
+        objects=roadside(FAR_BARRIER),
+        offset_m=-0.25,
         seed=137,
     )
 
@@ -208,10 +206,8 @@ def _botts_dots() -> Drive:
 def _lane_change() -> Drive:
     return motorway_drive(
         line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
-        motion=replace(
-            motorway_drive().motion, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6
-        ),
-        objects=(*motorway_drive().objects[:2], car(60.0, 0, "red", speed_mps=22.0), *motorway_drive().objects[4:]),
+        motion=replace(MOTION, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6),
+        objects=roadside(BARRIER, car(60.0, 0, "red", speed_mps=22.0)),
         seed=138,
     )
 
@@ -228,7 +224,7 @@ def _symbols() -> Drive:
         Symbol(118.0, 0.0, "SLOW", 2.6, 2.4),
         Symbol(134.0, 0.0, "arrow", 4.2, 1.1),
     )
-    return motorway_drive(symbols=symbols, motion=replace(motorway_drive().motion, offset_m=-0.3), seed=139)
+    return motorway_drive(symbols=symbols, offset_m=-0.3, seed=139)
 
 
 def _construction() -> Drive:
@@ -243,19 +239,12 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
     return motorway_drive(
-        replace(
-            MOTORWAY,
-            pavement="old asphalt",
-            lanes_right=1,
-            patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
-        ),
+        replace(MOTORWAY, pavement="old asphalt", lanes_right=1, patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),)),
         markings=(*old, *new),
-        objects=(
-            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
-            PlacedWall(-7.4, "jersey", seed=29),
-            *_without_barrier(),
+        objects=roadside(
+            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28), PlacedWall(-7.4, "jersey", seed=29), *CARS
         ),
-        motion=replace(motorway_drive().motion, speed_mps=20.0),
+        motion=replace(MOTION, speed_mps=20.0),
         seed=140,
     )
 
@@ -285,6 +274,130 @@ def _two_lane() -> Drive:
     )
 
 
+def challenge_video() -> Drive:
+    """Nine seconds at 25 m/s: pale lanes, a dark strip at the yellow line, tar seams, a barrier, a bridge.
+
+    The joint between dark and pale pavement is in the middle of the lane for the whole drive. There is one seam before
+    the bridge and one after it.
+    """
+    bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12)
+    seams = Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6), Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6)
+    joint = joint_fields(*seams, patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),))
+    return motorway_drive(
+        road=RoadGeometry(
+            [0.0, 40.0, 90.0, 140.0, 180.0, 260.0, 330.0, 420.0],
+            [-1 / 900, -1 / 620, -1 / 620, 0.0, 1 / 1600, 1 / 1200, 0.0, 0.0],
+        ),
+        # No objects where the bridge is.
+        objects=tuple(
+            item
+            for item in roadside(
+                JOINT_BARRIER,
+                bridge,
+                car(26.0, -1, "black", "suv", speed_mps=26.5),
+                car(64.0, -2, "white", speed_mps=25.0),
+                car(-12.0, -1, "silver", speed_mps=29.0),
+                car(90.0, 0, "grey", speed_mps=26.5),
+            )
+            if isinstance(item, PlacedWall | Overpass) or not 104 < item.s_m < 136
+        ),
+        symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
+        shades=(bridge.shade(),),
+        exposure=AutoExposure(strength=0.6),
+        seed=171,
+        **joint | {"lens": replace(joint["lens"], exposure=1.75)},
+        **daylight(70, 56, cloud_cover=0.45, tree_density=0.7),
+    )
+
+
+# Length and width of a stall of the car park, and width of its lines.
+BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
+
+
+def _unmarked_road() -> Drive:
+    return motorway_drive(
+        road=RoadGeometry([0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]),
+        line_laterals_m=(),
+        markings=(),
+        surface=Surface(
+            (Zone(-100.0, "old asphalt"),),
+            right_edge_m=-2.4,
+            left_edge_m=2.9,
+            lane_centres_m=(0.2,),
+            gravel_m=0.6,
+            seams=(Seam(0.25, 0.03, 0.06, strength=0.6), Seam(-1.2, 0.03, 0.12, 20.0, 60.0)),
+            patches=(Patch(30.0, 36.0, -1.9, -0.4, "asphalt"),),
+        ),
+        objects=(
+            *plant_trees(71, "oak plane bush", s_m=(5, 220), d_m=(-12, -4.5), height_m=(2, 9), every_m=6),
+            *plant_trees(72, "oak bush", s_m=(5, 220), d_m=(5.5, 14), height_m=(2, 9), every_m=6),
+        ),
+        motion=Motion(0.0, 11.0, offset_m=-0.3, wander_m=0.2, pitch_rad=float(np.radians(0.3))),
+        seed=161,
+    )
+
+
+def _car_park() -> Drive:
+    ends = []
+    for low, high in ((-3.4 - BAY_M, -3.4), (3.1, 3.1 + BAY_M)):
+        ends += [Patch(s, s + LINE_M, low, high, "paint") for s in np.arange(-8.0, 90.0, STALL_M)]
+    taken = np.random.default_rng(7).choice(36, 17, replace=False)
+    paints = ("white", "silver", "grey", "blue", "red", "black", "beige")
+    cars = tuple(
+        PlacedObject(
+            -6.7 + STALL_M * (n + 1),
+            (-3.4 - BAY_M / 2, 3.1 + BAY_M / 2)[k % 2],
+            Car(paints[k % 7], ("sedan", "suv")[k % 3 == 0], (np.pi / 2, -np.pi / 2)[k % 2]),
+        )
+        for k, n in enumerate(taken)
+    )
+    return motorway_drive(
+        road=RoadGeometry([0.0, 100.0], [1 / 300, 1 / 300]),
+        line_laterals_m=(),
+        markings=(),
+        surface=Surface(
+            (Zone(-100.0, "asphalt"),),
+            right_edge_m=-9.5,
+            left_edge_m=9.0,
+            lane_centres_m=(-1.2, 1.2),
+            patches=tuple(ends),
+            seams=(Seam(0.4, 0.03, 0.06, strength=0.5),),
+        ),
+        objects=(
+            *cars,
+            PlacedWall(-9.9, "kerb", seed=4),
+            PlacedWall(9.3, "kerb", seed=6),
+            *(PlacedObject(s, 9.9, Post(7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
+            *plant_trees(73, "plane oak", s_m=(5, 130), d_m=(-18, -12), height_m=(5, 9), every_m=9),
+            *plant_trees(74, "plane oak", s_m=(5, 130), d_m=(12, 18), height_m=(5, 9), every_m=9),
+        ),
+        motion=Motion(0.0, 5.0, offset_m=0.2, wander_m=0.3, pitch_rad=float(np.radians(0.1))),
+        seed=162,
+    )
+
+
+def _dirt_track() -> Drive:
+    return motorway_drive(
+        road=RoadGeometry([0.0, 25.0, 50.0, 75.0, 120.0], [0.0, -1 / 60, -1 / 60, 1 / 80, 0.0]),
+        line_laterals_m=(),
+        markings=(),
+        surface=Surface((Zone(-100.0, "dirt"),), right_edge_m=-1.5, left_edge_m=1.6, gravel_m=0.2),
+        objects=(
+            *plant_trees(75, "oak bush scrub", s_m=(5, 200), d_m=(-30, -4), height_m=(0.6, 5), every_m=4),
+            *plant_trees(76, "oak bush scrub", s_m=(5, 200), d_m=(4, 30), height_m=(0.6, 6), every_m=4),
+        ),
+        motion=Motion(0.0, 7.0, offset_m=0.1, wander_m=0.2, pitch_rad=float(np.radians(0.8)), pitch_period_s=0.8),
+        seed=163,
+    )
+
+
+NO_LANE = (
+    SuiteScene("unmarked-road", "no lane", 4.0, "A narrow road without paint.", _unmarked_road),
+    SuiteScene("car-park", "no lane", 4.0, "The aisle between rows of stalls.", _car_park),
+    SuiteScene("dirt-track", "no lane", 4.0, "Two wheel tracks through dry grass.", _dirt_track),
+)  # fmt: skip
+
+
 SCENES = (
     SuiteScene("motorway", "clean", 10.0, "Bends both ways, tree shadows and light concrete by day.", project_video),
     SuiteScene("two-lane", "clean", 4.0, "A country road in bends of R 140 m, broken yellow on the left.", _two_lane),
@@ -297,4 +410,5 @@ SCENES = (
     SuiteScene("missing-paint", "hard", 5.0, "First the right line is missing, then the left one.", _missing_paint),
     SuiteScene("botts-dots", "hard", 4.0, "Four ceramic dots in each 12 m in place of paint.", _botts_dots),
     SuiteScene("construction", "hard", 4.0, "Old lines cross the new ones at a small angle.", _construction),
+    SuiteScene("challenge", "hard", 9.0, "Dark joint and seam in the lane, a bridge, pale concrete.", challenge_video),
 )  # fmt: skip

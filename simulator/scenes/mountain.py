@@ -1,4 +1,4 @@
-"""Mountain scenes of the suite: bends, hairpins, crests and dips."""
+"""Mountain scenes of the suite (bends, hairpins, crests and dips), and a country road."""
 
 from __future__ import annotations
 
@@ -6,7 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.sunlight import TreeShade
+from simulator.light.lens import AutoExposure, Lens
+from simulator.light.sunlight import Glare, TreeShade, WoodShade
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
@@ -14,8 +15,8 @@ from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import HeightProfile, RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking
 from simulator.road.surface import Seam, Surface, Zone
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import daylight, plant_trees
+from simulator.scenes.freeway import DASHCAM, daylight, plant_trees
+from simulator.weather import Fog
 
 # Lane width of a mountain road, ten and a half feet.
 MOUNTAIN_LANE_WIDTH_M = 3.2
@@ -79,6 +80,33 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
     return replace(drive, **changes)
 
 
+def country_road_drive(seed: int, **changes) -> Drive:
+    """Two-lane road through a wood, R 170 m left, then 140 m right; `changes` are fields of Drive."""
+    middle, edge = 1.75, -1.75
+    trees = tuple(
+        item
+        for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
+        for item in plant_trees(
+            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
+        )
+    )
+    return Drive(
+        camera=DASHCAM,
+        road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
+        # The inner stripe of the double line bounds the lane, as in manual labels.
+        line_laterals_m=(middle - 0.10, edge),
+        markings=(
+            Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
+            Marking(edge, 0.10, WHITE, wear=0.2),
+            Marking(middle + 3.5, 0.10, WHITE, wear=0.2),
+        ),
+        surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
+        motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
+        seed=seed,
+        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
+    )
+
+
 def wood_edges(end_m: float, *, rock: bool = False) -> tuple[PlacedObject | PlacedWall, ...]:
     """Edges of woods on both sides, with trees in front; `rock`: a cutting on the left."""
     return (
@@ -115,9 +143,8 @@ def _hairpin_right() -> Drive:
 def _switchback() -> Drive:
     road = winding_road((26.0, 110.0), (-20.0, 120.0), straight_m=6.0)
     shades = tuple(TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0))
-    return mountain_drive(
-        road, Motion(18.0, 9.0, offset_m=0.1, wander_m=0.2, wander_period_s=4.0), shades=shades, seed=153
-    )
+    motion = Motion(18.0, 9.0, offset_m=0.1, wander_m=0.2, wander_period_s=4.0)
+    return mountain_drive(road, motion, shades=shades, seed=153)
 
 
 def _mountain_bends() -> Drive:
@@ -144,7 +171,43 @@ def _dips() -> Drive:
     return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
 
+def harder_challenge_video() -> Drive:
+    """Ten seconds at 8 to 11 m/s: hairpins left (R 21 m) and right (R 17 m) in a wood, with a low sun in haze.
+
+    Deep shade with sun flecks before the first one, glare in it, an oncoming car after it, dappled shade in the second.
+    """
+    road = winding_road((21.0, 115.0), (-17.0, 125.0), straight_m=7.0, ease_m=10.0)
+    base = mountain_drive(road, Motion())
+    return mountain_drive(
+        road,
+        Motion(
+            1.0,
+            11.0,
+            offset_m=-0.05,
+            wander_m=0.2,
+            wander_period_s=4.5,
+            pitch_rad=float(np.radians(0.3)),
+            later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
+        ),
+        markings=tuple(replace(m, wear=wear) for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)),
+        objects=(*base.objects, PlacedObject(96.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0)),
+        shades=(
+            WoodShade(-20.0, 24.0, flecks=0.10),
+            TreeShade(58.0, 70.0, -5.0, 7.0, 0.95),
+            TreeShade(72.0, 84.0, -3.0, 8.0, 0.9),
+            TreeShade(88.0, 108.0, -6.0, 8.0, 0.97),
+        ),
+        exposure=AutoExposure(strength=0.6),
+        fog=Fog(2500.0, height_m=200.0),
+        glare=Glare(veil=0.6, sheen=0.8, dashboard=0.3),
+        lens=Lens(noise=0.004, exposure=0.3),
+        seed=172,
+        **daylight(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+    )
+
+
 SCENES = (
+    SuiteScene("harder-challenge", "hard", 10.0, "Hairpins in a wood: shade, glare, haze.", harder_challenge_video),
     SuiteScene("mountain-bends", "medium", 5.0, "Bends of R 45 to 70 m in woods, double yellow line.", _mountain_bends),
     SuiteScene("hairpin-left", "hard", 5.0, "A hairpin of R 22 m to the left with an oncoming car.", _hairpin_left),
     SuiteScene("hairpin-right", "hard", 5.0, "A hairpin of R 15 m to the right.", _hairpin_right),

@@ -8,20 +8,11 @@ from __future__ import annotations
 
 from simulator.light.sunlight import TreeShade
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
-from simulator.objects.standing import Post
-from simulator.objects.trees import Tree
+from simulator.objects.standing import Post, Tree
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import DUST, Patch, Seam, Zone
-from simulator.scenes.freeway import (
-    Freeway,
-    bend_road,
-    car,
-    daylight,
-    freeway_drive,
-    oncoming_cars,
-    plant_trees,
-)
+from simulator.scenes.freeway import Freeway, bend_road, car, daylight, freeway_drive, oncoming_cars, plant_trees
 
 STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 

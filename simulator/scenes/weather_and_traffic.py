@@ -6,30 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from simulator.light.glare import Glare
 from simulator.light.lens import AutoExposure, Lens
-from simulator.light.sunlight import TreeShade, WoodShade
-from simulator.objects.overpass import Overpass
+from simulator.light.sunlight import Glare, TreeShade, WoodShade
 from simulator.objects.scene_objects import PlacedObject, PlacedWall
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
-from simulator.road.markings import WHITE, YELLOW, Marking
-from simulator.road.surface import Seam, Surface, Zone
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import (
-    LANE_WIDTH_M,
-    Freeway,
-    car,
-    daylight,
-    freeway_drive,
-    oncoming_cars,
-    plant_trees,
-)
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain, Wet
+from simulator.road.markings import WHITE, Marking
+from simulator.road.surface import Seam, Zone
+from simulator.scenes.freeway import LANE_WIDTH_M, Freeway, car, daylight, freeway_drive, oncoming_cars, plant_trees
+from simulator.scenes.mountain import country_road_drive
+from simulator.weather import Fog, Night, Wet
 
 OPPOSITE_EDGE_M = 17.0
 
@@ -57,33 +46,6 @@ def plain_motorway(seed: int, freeway: Freeway = PLAIN, **changes) -> Drive:
         motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
         seed=seed,
         **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
-    )
-
-
-def country_road_drive(seed: int, **changes) -> Drive:
-    """Two-lane road through a wood, R 170 m left, then 140 m right; `changes` are fields of Drive."""
-    middle, edge = 1.75, -1.75
-    trees = tuple(
-        item
-        for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
-        for item in plant_trees(
-            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
-        )
-    )
-    return Drive(
-        camera=DASHCAM,
-        road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
-        # The inner stripe of the double line bounds the lane, as in manual labels.
-        line_laterals_m=(middle - 0.10, edge),
-        markings=(
-            Marking(middle, 0.10, YELLOW, double_gap_m=0.10, wear=0.2),
-            Marking(edge, 0.10, WHITE, wear=0.2),
-            Marking(middle + 3.5, 0.10, WHITE, wear=0.2),
-        ),
-        surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
-        motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
-        seed=seed,
-        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
     )
 
 
@@ -161,7 +123,7 @@ def _wet_night() -> Drive:
 
 
 def _rain() -> Drive:
-    return plain_motorway(401, rain=Rain(), wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
+    return plain_motorway(401, rain=True, wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
 
 
 def _overcast() -> dict:
@@ -171,9 +133,7 @@ def _overcast() -> dict:
 
 def _with(drive: Drive, *others: PlacedObject) -> Drive:
     """The drive with other vehicles instead of those on the car's carriageway."""
-    kept = tuple(
-        p for p in drive.objects if not (isinstance(p, PlacedObject) and isinstance(p.item, Car) and p.speed_mps > 0)
-    )
+    kept = [p for p in drive.objects if not (isinstance(p, PlacedObject) and p.speed_mps > 0)]
     return replace(drive, objects=(*kept, *others))
 
 
@@ -195,10 +155,7 @@ def _cut_in() -> Drive:
 
 def _lorry() -> Drive:
     path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
-    others = (
-        PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path),
-        PlacedObject(80.0, 0.0, Car("red"), 29.0),
-    )
+    others = (PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path), PlacedObject(80.0, 0.0, Car("red"), 29.0))
     return _with(plain_motorway(431), *others)
 
 

@@ -7,9 +7,8 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
-from benchmark.bootstrap import share_interval, wilson_interval
 from benchmark.errors import FrameErrors
-from benchmark.scores import Result, accuracy_interval, among_best
+from benchmark.scores import Result, accuracy_interval, among_best, share_interval, wilson_interval
 
 FRAMES = 100
 

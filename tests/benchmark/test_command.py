@@ -12,12 +12,21 @@ import pytest
 import helpers
 from benchmark import estimates, evaluation, runner, systems
 from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import PreparedDrive, prepare_drive, read_truth, run_systems
-from benchmark.machine import describe_machine
-from benchmark.reporting.tables import read_scores
+from benchmark.evaluation import (
+    CUSTOM,
+    BenchmarkDrive,
+    PreparedDrive,
+    choose_drives,
+    ensure_video,
+    list_drives,
+    prepare_drive,
+    read_truth,
+    run_systems,
+)
 from benchmark.runner import cached_estimates, run_benchmark
-from benchmark.scored_drive import CUSTOM, BenchmarkDrive, choose_drives, ensure_video, list_drives
+from benchmark.speed import describe_machine
 from benchmark.systems import SYSTEMS
+from benchmark.tables import read_scores
 from lanes import camera, images
 from lanes.detect import birdseye
 from lanes.images import read_image
@@ -112,13 +121,13 @@ def test_the_options_reach_the_run(monkeypatch):
     assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
     assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
     monkeypatch.setattr("simulator.scenes.suite.render_scene", lambda name, *, seed, **_: Path(f"{name}, seed {seed}"))
-    assert ensure_video(variant, workers=1).video == Path("motorway, seed 3")
+    assert ensure_video(variant).video == Path("motorway, seed 3")
 
 
 class TestRunner:
     def test_finished_estimates_are_not_computed_again(self, prepared, tmp_path, monkeypatch):
         path = cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1)
-        monkeypatch.setattr(runner, "run_system", lambda *_: pytest.fail("computed again"))
+        monkeypatch.setattr(runner, "run_systems", lambda *_: pytest.fail("computed again"))
         assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
@@ -134,7 +143,7 @@ class TestRunner:
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
         read_bytes, seen = Path.read_bytes, set()
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
-        monkeypatch.setattr(runner, "run_system", lambda *_: DriveEstimates.from_frames([], []))
+        monkeypatch.setattr(runner, "run_systems", lambda *_: [DriveEstimates.from_frames([], [])])
         cached_estimates((prepared, system), folder=tmp_path, workers=1)
         common = (estimates, evaluation, systems, images, reader, camera)
         assert {Path(module.__file__) for module in (*common, source)} <= seen

@@ -9,8 +9,8 @@ import pytest
 
 from benchmark.errors import LaneTruth, frame_errors, recovery_lengths
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, read_estimates, road_points, write_estimates
-from benchmark.reporting.tables import describe_failures, failure_spans
 from benchmark.scores import Result, score, score_rows, total_rows
+from benchmark.tables import describe_failures, failure_spans
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
 
 N, WIDTH = 5, 3.6

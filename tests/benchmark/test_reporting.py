@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.reporting.reliability import AvailableLanes, describe_confidence
-from benchmark.reporting.tables import describe_interval, describe_scores, results_table
+from benchmark.consistency import AvailableLanes, describe_confidence
 from benchmark.scores import Result
+from benchmark.tables import describe_interval, describe_scores, results_table
 from tests.benchmark.test_bootstrap import result
 
 

@@ -11,8 +11,7 @@ import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
-from benchmark.evaluation import score_video
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT, score_video
 from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
 from helpers import RoadLine
 from lanes.camera import Camera, CameraPose

@@ -8,8 +8,8 @@ import shutil
 import numpy as np
 import pytest
 
-from course.accuracy import TwoLines, accuracy_table, label_accuracy
 from course.dataset import Dataset
+from course.measures import TwoLines, accuracy_table, label_accuracy
 from lanes.camera import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT

@@ -8,12 +8,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import COMMITTED
-from course.exercises import chapters_13_16, check, occlusion
+from benchmark.evaluation import COMMITTED
+from course.exercises import chapters_13_16, check
 from course.exercises.chapters_05_08 import check_lane_width
-from course.exercises.chapters_09_12 import check_gate
+from course.exercises.chapters_09_12 import check_gate, filter_drive
 from course.exercises.check import check_exercise
-from course.exercises.gated_drive import filter_drive
 from course.exercises.hints import HintError, require_equal
 from helpers import FourPointWarp, metres_per_pixel
 from tests.support.painted_drive import CAMERA
@@ -90,7 +89,7 @@ def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, reject
 
 IMAGE = np.full((720, 1280, 3), 60, np.uint8)
 # By how much each covered square moves the two lines; one square above, and one without which the lane is lost.
-WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *occlusion.SHAPE)) * [[[0], [1], [1], [1], [1]]]
+WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *chapters_13_16.SHAPE)) * [[[0], [1], [1], [1], [1]]]
 LOST = (4, 9)
 
 
@@ -110,24 +109,24 @@ def worst(moved_m: np.ndarray) -> float:
 @pytest.mark.parametrize(
     ("words", "measure", "at_m", "cover"),
     [
-        ("", worst, 20.0, occlusion.cover_square),
-        ("left line alone", lambda moved_m: abs(moved_m[0, 0]), 20.0, occlusion.cover_square),
-        ("right line alone", lambda moved_m: abs(moved_m[1, 0]), 20.0, occlusion.cover_square),
-        ("absolute difference", lambda moved_m: max(0, moved_m.max()), 20.0, occlusion.cover_square),
-        ("10 m ahead", worst, 10.0, occlusion.cover_square),
-        (" instead of ", lambda moved_m: worst(moved_m) / 3, 20.0, occlusion.cover_square),
-        *((reason, worst, 20.0, cover) for reason, cover in occlusion.WRONG_COVERS.items()),
+        ("", worst, 20.0, chapters_13_16.cover_square),
+        ("left line alone", lambda moved_m: abs(moved_m[0, 0]), 20.0, chapters_13_16.cover_square),
+        ("right line alone", lambda moved_m: abs(moved_m[1, 0]), 20.0, chapters_13_16.cover_square),
+        ("absolute difference", lambda moved_m: max(0, moved_m.max()), 20.0, chapters_13_16.cover_square),
+        ("10 m ahead", worst, 10.0, chapters_13_16.cover_square),
+        (" instead of ", lambda moved_m: worst(moved_m) / 3, 20.0, chapters_13_16.cover_square),
+        *((reason, worst, 20.0, cover) for reason, cover in chapters_13_16.WRONG_COVERS.items()),
     ],
 )
 def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, measure, at_m, cover):
     """13.1: the right map, and wrong ones."""
-    moved_m, before_m = np.ones(occlusion.SHAPE), find_occluded(IMAGE).lateral_m(np.array([at_m]))
-    for row, column in np.ndindex(*occlusion.SHAPE):
+    moved_m, before_m = np.ones(chapters_13_16.SHAPE), find_occluded(IMAGE).lateral_m(np.array([at_m]))
+    for row, column in np.ndindex(*chapters_13_16.SHAPE):
         if lane := find_occluded(cover(IMAGE, row, column)):
             moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
-    monkeypatch.setattr(occlusion, "find_lane", find_occluded)
+    monkeypatch.setattr(chapters_13_16, "find_lane", find_occluded)
     with pytest.raises(HintError, match=re.escape(words)) if words else nullcontext():
-        occlusion.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)
+        chapters_13_16.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)
 
 
 def test_covering_the_given_image_itself_is_named(monkeypatch):
@@ -137,7 +136,7 @@ def test_covering_the_given_image_itself_is_named(monkeypatch):
 
     def cover(image, camera):
         image[320:400, :80] = 128
-        return np.ones(occlusion.SHAPE)
+        return np.ones(chapters_13_16.SHAPE)
 
     with pytest.raises(HintError, match="you cover the image itself"):
         chapters_13_16.check_occlusion_map(cover, image=IMAGE.copy(), camera=CAMERA)

@@ -15,7 +15,7 @@ from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import line_lateral
-from simulator.scenes.dashcam import DASHCAM as COURSE_CAMERA
+from simulator.scenes.freeway import DASHCAM as COURSE_CAMERA
 from simulator.scenes.stills import still_scenes
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, straight_road
 from tests.support.painted_roads import DASH_M, WHITE, YELLOW, Road, dashcam

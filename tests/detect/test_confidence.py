@@ -14,8 +14,7 @@ from lanes.stills import find_lane
 from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane
-from tools.fit_confidence import logistic, samples_of_painted_drive
-from tools.photos import find_with_own_pose
+from tools.fit_confidence import find_with_own_pose, logistic, samples_of_painted_drive
 
 
 def lane_with() -> Lane:

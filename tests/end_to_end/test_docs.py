@@ -15,7 +15,7 @@ import course
 import helpers
 import lanes
 from benchmark.consistency import consistency_table
-from benchmark.reporting.tables import read_scores
+from benchmark.tables import read_scores
 from lanes.__main__ import COMMANDS
 from tests.support.project import ROOT
 

@@ -19,11 +19,10 @@ import pytest
 
 from benchmark.errors import CONFIDENT, FrameErrors, frame_errors
 from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import read_truth
-from benchmark.reporting.tables import read_scores
-from benchmark.scored_drive import COMMITTED, list_drives
+from benchmark.evaluation import COMMITTED, list_drives, read_truth
 from benchmark.scores import Row
 from benchmark.systems import TRACKER, start_system
+from benchmark.tables import read_scores
 from lanes.camera import Camera, CameraPose, load_camera
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import inspect_video, read_video

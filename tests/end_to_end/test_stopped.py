@@ -16,7 +16,7 @@ from lanes.camera import load_camera
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.video.reader import inspect_video
-from simulator.rendering import video
+from simulator.rendering import render
 from simulator.scenes.motorway import project_video
 from tests.support import command_line
 from tests.support.clips import write_drive
@@ -139,9 +139,9 @@ def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
         write_drive(path, BENDS, 2)
         return [{"frame": number} for number in range(4)]
 
-    monkeypatch.setattr(video, "_encode", half)
+    monkeypatch.setattr(render, "_encode", half)
     with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(the encoder wrote fewer than 4 frames"):
-        video.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
+        render.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
     assert not (tmp_path / "a.mp4").exists()
 
 

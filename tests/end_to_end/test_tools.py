@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from benchmark.errors import LaneTruth
-from benchmark.evaluation import prepare_drive
-from benchmark.scored_drive import drive_from_video
+from benchmark.evaluation import drive_from_video, prepare_drive
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.network import finer_view
 from lanes.tracking.tracker import TrackerSettings

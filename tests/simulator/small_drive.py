@@ -12,8 +12,7 @@ from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M, Freeway
+from simulator.scenes.freeway import DASHCAM, LANE_WIDTH_M, Freeway
 
 POSE = CameraPose(1.3, np.radians(2.0), np.radians(-1.0), np.radians(0.6))
 TINY = replace(DASHCAM.scaled((320, 180)), pose=POSE)

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.camera import camera_from_dict
 from lanes.images import read_image
 from simulator import chessboards as scene
 from simulator.chessboards import BOARD_VIEWS, render_board, true_corners, write_boards
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 
 BOARDS = PROJECT_ROOT / "camera_cal"
 

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from simulator.road.geometry import RoadGeometry, VehiclePose
-from simulator.road.ground import cast_on_ground, pixel_rays
+from simulator.road.ground import RoadAhead, cast_on_ground, pixel_rays
 from simulator.road.markings import Marking, paint_markings
-from simulator.road.road_ahead import RoadAhead
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 from tests.simulator.small_drive import POSE
 
 

@@ -13,8 +13,7 @@ from lanes.video.reader import read_video
 from simulator.light.lens import AutoExposure
 from simulator.light.sunlight import BridgeShade
 from simulator.rendering.drive import Motion
-from simulator.rendering.render import render_frame
-from simulator.rendering.video import VIDEO_FPS, write_video
+from simulator.rendering.render import VIDEO_FPS, render_frame, write_video
 from simulator.road.truth import truth_row
 from tests.simulator.small_drive import POSE, TINY, small_drive
 

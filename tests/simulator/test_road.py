@@ -19,7 +19,7 @@ from simulator.road.geometry import (
 from simulator.road.markings import WHITE, Marking
 from simulator.road.surface import Surface, Zone
 from simulator.road.truth import H_SAMPLES, VIDEO_X_M, line_pixels
-from simulator.scenes.dashcam import DASHCAM
+from simulator.scenes.freeway import DASHCAM
 from tests.simulator.small_drive import small_drive
 
 S_BEND = RoadGeometry([0.0, 75.0, 125.0, 175.0, 255.0, 330.0], [0.0, 0.0, 1 / 300, 1 / 300, -1 / 200, -1 / 200])

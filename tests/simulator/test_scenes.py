@@ -5,12 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmark.scored_drive import PROJECT_ROOT
+from benchmark.evaluation import PROJECT_ROOT
 from simulator.rendering.render import render_frame
 from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels
 from simulator.scenes import suite
-from simulator.scenes.suite import SUITE, cache_folder, render_scene, scene_path
-from simulator.scenes.variants import ROAD_SCALE, WEAR, vary_drive
+from simulator.scenes.suite import ROAD_SCALE, SUITE, WEAR, cache_folder, render_scene, scene_path, vary_drive
 
 
 def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):

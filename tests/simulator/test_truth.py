@@ -23,8 +23,7 @@ from simulator.road.truth import (
     truth_row,
     write_truth_csv,
 )
-from simulator.scenes.dashcam import DASHCAM
-from simulator.scenes.freeway import LANE_WIDTH_M
+from simulator.scenes.freeway import DASHCAM, LANE_WIDTH_M
 from tests.simulator.small_drive import POSE, SMALL, small_drive
 
 BENDS = RoadGeometry([0.0, 30.0, 40.0, 85.0], [0.0, 0.0, 1 / 20, 1 / 20])

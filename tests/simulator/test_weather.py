@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from simulator.light.lens import AutoExposure, RoadLight
-from simulator.objects.overpass import Overpass
-from simulator.objects.shadows import shadow_polygons
+from simulator.objects.scene_objects import shadow_polygons
 from simulator.objects.standing import Post
+from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import Freeway
-from simulator.weather.fog import Fog
-from simulator.weather.night import Night
-from simulator.weather.rain import Rain
+from simulator.weather import Fog, Night
 from tests.simulator.small_drive import small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
@@ -95,8 +93,8 @@ def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():
-    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (None, Rain()))
-    again = render_frame(asphalt_drive(rain=Rain(), objects=(BRIDGE,)), 0.9)
+    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (False, True))
+    again = render_frame(asphalt_drive(rain=True, objects=(BRIDGE,)), 0.9)
     np.testing.assert_array_equal(rainy.image, again.image)
     np.testing.assert_array_equal(rainy.hidden, clear.hidden)
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)

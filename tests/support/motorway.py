@@ -9,8 +9,7 @@ import numpy as np
 
 from benchmark.errors import FrameErrors, LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import read_truth
-from benchmark.scored_drive import list_drives
+from benchmark.evaluation import list_drives, read_truth
 from benchmark.systems import lane_estimate
 from lanes.camera import Camera, load_camera
 from lanes.detect.lane import Lane

@@ -62,19 +62,21 @@ def results_table(path: str | Path) -> str:
     of the lateral error over 5 to 20 m. In scenes without a lane it shows the share of frames that are confident and
     wrong. Bold are the best system of a row, and all whose difference to it is not significant.
     """
-    return markdown_table(read_scores(path))
-
-
-def markdown_table(rows: Sequence[Row]) -> str:
-    """Rows of the benchmark, in the order of the scenes, as the Markdown table of `results_table`."""
+    rows = read_scores(path)
     systems = list(dict.fromkeys(row["system"] for row in rows))
-    lines = ["| scene | difficulty | " + " | ".join(systems) + " |", "|---" * (2 + len(systems)) + "|"]
+    lines = []
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
         by_system = {row["system"]: row for row in group}
         best = _best_systems(by_system)
         cells = [_markdown_cell(by_system[name], name in best) if name in by_system else "" for name in systems]
-        lines.append(f"| {scene} | {difficulty} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        lines.append([scene, difficulty, *cells])
+    return markdown_table(["scene", "difficulty", *systems], lines)
+
+
+def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table with these cells."""
+    lines = ["| " + " | ".join(cells) + " |" for cells in (headings, *rows)]
+    return "\n".join([lines[0], "|---" * len(headings) + "|", *lines[1:]])
 
 
 def read_scores(path: str | Path, required: str = "accuracy") -> list[Row]:
@@ -118,18 +120,14 @@ def _markdown_cell(row: Row, best: bool) -> str:
         interval = ""
         if row["scene"] == total_name(row["difficulty"]) and "accuracy_low" in row:
             interval = f" {describe_interval(float(row['accuracy_low']), float(row['accuracy_high']))}"
-        text = f"{row['accuracy']:.1%}{interval}, {_describe_distance(float(row['lateral_5_20m_p95_m']))}"
+        error_m = float(row["lateral_5_20m_p95_m"])
+        text = f"{row['accuracy']:.1%}{interval}, {'lost' if math.isnan(error_m) else f'{error_m:.2f} m'}"
     return f"**{text}**" if best else text
 
 
 def describe_interval(low: float, high: float) -> str:
     """An interval of a share in whole percent, rounded outwards: "(93-99)"."""
     return f"({math.floor(round(100 * low, 6))}-{math.ceil(round(100 * high, 6))})"
-
-
-def _describe_distance(error_m: float) -> str:
-    """An error in words; NaN means that no lane was available."""
-    return "lost" if math.isnan(error_m) else f"{error_m:.2f} m"
 
 
 def _pair(key: str, unit: str, factor: float = 1.0) -> Callable[[Row], str]:
@@ -184,15 +182,11 @@ def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
     for kind, group in groupby(frame_kinds(errors)):
         end = at + len(list(group))
         if kind != CORRECT:
-            spans.append(f"{kind}{_largest_error(errors.near_rms_m[at:end])} {at / fps:.2f}-{end / fps:.2f} s")
+            worst_m = np.nanmax(errors.near_rms_m[at:end], initial=-np.inf)
+            by = f" by {worst_m:.2f} m" if worst_m >= 0 else ""
+            spans.append(f"{kind}{by} {at / fps:.2f}-{end / fps:.2f} s")
         at = end
     return spans
-
-
-def _largest_error(near_rms_m: np.ndarray) -> str:
-    """The largest error in words; empty if all are NaN."""
-    worst_m = np.nanmax(near_rms_m, initial=-np.inf)
-    return f" by {worst_m:.2f} m" if worst_m >= 0 else ""
 
 
 def frame_kinds(errors: FrameErrors) -> list[str]:

@@ -1,1 +1,0 @@
-"""Noise, ground texture, and polygons drawn through the lens model."""

@@ -1,1 +1,0 @@
-"""Fog, rain, wet roads and night."""
