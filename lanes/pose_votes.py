@@ -26,9 +26,7 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
-from lanes.detect.search import DetectorSettings, StillDetection
-from lanes.detect.votes import sums_of_products
-from lanes.stills import HEIGHT_RANGE_M, search_at_heights
+from lanes.detect.search import HEIGHT_RANGE_M, DetectorSettings, StillDetection, search_at_heights, sums_of_products
 
 # Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard deviation of 4.8 degrees on them.
 _PITCHES_RAD, _YAWS_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))

@@ -29,7 +29,7 @@ from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
-from lanes.stills import find_lane
+from lanes.detect.search import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.not_roads import KINDS, not_a_road
 from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe

@@ -17,9 +17,8 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import NETWORK, finer_view
-from lanes.detect.paint import lightness, yellowness
+from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
+from lanes.detect.markings import NETWORK, finer_view
 from lanes.errors import CameraError
 from simulator.not_roads import KINDS, not_a_road
 from simulator.objects.scene_objects import PlacedWall

@@ -1,4 +1,4 @@
-"""Train the network of `lanes.detect.network` on rendered pictures, and write its ONNX file.
+"""Train the network of `lanes.detect.markings` on rendered pictures, and write its ONNX file.
 
     pip install torch onnx
     python -m tools.train_marking_network [--samples FILE] [--pictures N] [--epochs N] [-o FILE]
@@ -24,7 +24,7 @@ from torch.nn import functional as nnf
 from lanes.camera import Camera, CameraPose
 from lanes.console import bounded, progress_line
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import NETWORK, NETWORK_FILE, finer_view, network_inputs
+from lanes.detect.markings import NETWORK, NETWORK_FILE, finer_view, network_inputs
 from simulator.processes import available_workers, run_all
 from tools.marking_samples import UNKNOWN, take_sample
 

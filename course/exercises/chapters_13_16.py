@@ -14,8 +14,8 @@ from course.exercises.drawings import draw_occlusion
 from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
 from course.exercises.occlusion import FIRST_ROW, LARGEST_M, SHAPE, SQUARE_PX, require_occlusion
 from lanes.camera import Camera, load_camera
+from lanes.detect.search import find_lane
 from lanes.draw import draw_lane
-from lanes.stills import find_lane
 from lanes.video.reader import read_video
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from course.exercises.hints import require, require_equal
 from lanes.camera import Camera
 from lanes.detect.lane import Lane
-from lanes.stills import find_lane
+from lanes.detect.search import find_lane
 
 # Rows and columns of squares, their size in pixels, the first row of the image, and their gray level.
 SHAPE, SQUARE_PX, FIRST_ROW, GRAY = (5, 16), 80, 320, 128

@@ -190,3 +190,14 @@ class BirdsEyeView:
                 maps = cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)  # type: ignore[call-overload]
                 tables.append((reduction, part, *maps))
         return tables
+
+
+def lightness(view_image: np.ndarray) -> np.ndarray:
+    """Luma of an RGB view, (rows, columns) uint8, weights of ITU-R BT.601."""
+    return cv2.cvtColor(view_image, cv2.COLOR_RGB2GRAY)
+
+
+def yellowness(view_image: np.ndarray) -> np.ndarray:
+    """min(R, G) - B as (rows, columns) int16: large for yellow paint, in sun and in shade."""
+    red, green, blue = cv2.split(view_image)
+    return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)

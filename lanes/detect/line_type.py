@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import PAINT, MarkingResponse
+from lanes.detect.evidence import PAINT, MarkingResponse
 
 # A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more. So are white edge lines
 # of some motorways, but two stripes have a gap: the largest brightness in their middle, relative to that of the

@@ -27,9 +27,9 @@ from math import exp
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.evidence import Stripes
 from lanes.detect.fit import Fit, FitSettings, fit_lanes
 from lanes.detect.lane import CarMotion
-from lanes.detect.paint import Stripes
 from lanes.detect.road import (
     ADJACENT,
     CENTRE,

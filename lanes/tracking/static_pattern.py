@@ -13,7 +13,7 @@ from math import exp
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import Stripes
+from lanes.detect.evidence import Stripes
 
 # A place of the picture is static if it is occupied in this share of the samples, of which this number is needed.
 MIN_SHARE, MIN_SAMPLES = 0.7, 6.0

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.evidence import find_stripes, marking_response
 from lanes.detect.line_type import MarkingProfile, TypeVotes, marking_profile
-from lanes.detect.paint import find_stripes, marking_response
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA, SMALL = dashcam(1280), dashcam(640)

@@ -13,7 +13,7 @@ from benchmark.errors import LaneTruth
 from benchmark.evaluation import prepare_drive
 from benchmark.scored_drive import drive_from_video
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import finer_view
+from lanes.detect.markings import finer_view
 from lanes.tracking.tracker import TrackerSettings
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import BENDS

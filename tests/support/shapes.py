@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lanes.detect.paint import PAINT, Stripes, strength_weight
+from lanes.detect.evidence import PAINT, Stripes, strength_weight
 from lanes.detect.road import parameter_vector
 
 # Growth from row to row and width of the columns of the usual view; focal length of the camera.
