@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.detect.road import VIEW_END_M
 from lanes.errors import CameraError
 
 # Enough for pictures of 4000 columns.
@@ -46,7 +47,7 @@ class BirdsEyeView:
 
     camera: Camera
     near_m: float = 5.0
-    far_m: float = 70.0
+    far_m: float = VIEW_END_M
     growth: float = 0.022
     half_width_m: float = 9.0
     cell_m: float = 0.05

@@ -32,12 +32,11 @@ from lanes.detect.markings import Mask, network_log_odds
 class PaintSettings:
     """Band filter, noise and stripe candidates; tuned on the labelled Udacity stills where no source is given."""
 
-    # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m.
+    # Painted widths of one stripe and of a double line taken as one; most countries paint 0.10 to 0.15 m. The strips of
+    # road that a stripe is compared with are as wide as a single one.
     single_m: float = 0.15
     double_m: float = 0.35
-    # Width of the strips of road that a stripe is compared with, and their distance from it. A single stripe is also
-    # compared with the strips that touch it.
-    side_m: float = 0.15
+    # Distance of these strips from the stripe. A single stripe is also compared with the strips that touch it.
     gap_m: float = 0.05
     # Window along a row (m), and rows, over which the noise is averaged.
     noise_window: tuple[float, int] = (2.5, 5)
@@ -53,9 +52,8 @@ class PaintSettings:
     half_weight_strength: float = 6.6
     # Standard deviation of a candidate's direction: at this difference it has a quarter of its weight.
     angle_std_rad: float = 0.1
-    # Standard deviation of a candidate's lateral position: worn paint nearby, one pixel far away.
+    # Standard deviation of a candidate's lateral position: that of worn paint nearby; far away it is one pixel.
     position_std_m: float = 0.04
-    position_std_px: float = 1.0
     # Weight of an edge of the road relative to paint of the same probability, and the standard deviation of its place:
     # a kerb, a gutter and the end of the asphalt are decimetres apart.
     edge_weight: float = 0.25
@@ -123,17 +121,17 @@ class Stripes:
 
 def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> MarkingResponse:
     """Response of the band filters to an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
-    lengths_m = settings.single_m, settings.double_m, settings.side_m, settings.gap_m, settings.noise_window[0]
-    single, double, side, gap, window = (round(length / view.cell_m) | 1 for length in lengths_m)
-    pad, unit = double // 2 + gap + side + 1, lcm(single, double, side)
+    lengths_m = settings.single_m, settings.double_m, settings.gap_m, settings.noise_window[0]
+    single, double, gap, window = (round(length / view.cell_m) | 1 for length in lengths_m)
+    pad, unit = double // 2 + gap + single + 1, lcm(single, double)
     channels = _padded_channels(view_image, pad, unit)
     inside = (..., slice(pad, -pad))
-    road = _sums_around(channels, side) * (unit // side)
+    singles = _sums_around(channels, single) * (unit // single)
+    road = singles.copy()
     road[..., :pad], road[..., -pad:] = road[..., pad, None], road[..., -pad - 1, None]
-    narrow, wide = (
-        _filter_band(_sums_around(channels, n) * (unit // n), road, [n // 2 + d + side // 2 + 1 for d in gaps])[inside]
-        for n, gaps in ((single, (0, gap)), (double, (gap,)))
-    )
+    doubles = _sums_around(channels, double) * (unit // double)
+    narrow = _filter_band(singles, road, [single, single + gap])[inside]
+    wide = _filter_band(doubles, road, [double // 2 + gap + single // 2 + 1])[inside]
     steps = np.abs(channels[..., pad : 1 - pad] - channels[..., pad - 1 : -pad])
     noise = unit * _local_noise(steps[..., :-1] + steps[..., 1:], window, view, settings)
     # large sums are int32, whose quotients numpy makes float64
@@ -210,7 +208,7 @@ def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintS
     x_m, step = view.x_m[row], view.row_columns[row]
     angle = _stripe_angle(strength, row, column, step, settings.coarse_columns)
     weight = strength_weight(strength[row, column], settings)
-    std_m = np.hypot(settings.position_std_m, settings.position_std_px * x_m / view.focal_px)
+    std_m = np.hypot(settings.position_std_m, x_m / view.focal_px)
     angle_std_rad, edge = np.full(len(row), settings.angle_std_rad), np.zeros(len(row), bool)
     return Stripes(row, x_m, y_m, angle, step, weight, std_m, angle_std_rad, edge, ~edge)
 
@@ -276,8 +274,8 @@ class Evidence:
     view_image: np.ndarray
     response: MarkingResponse
     stripes: Stripes
-    sources: tuple[str, ...] = ("band filter",)
-    confidence_shift: float = 0.0
+    sources: tuple[str, ...]
+    confidence_shift: float
 
     def at_height(self, height_m: float) -> Evidence:
         """The same evidence for another height of the camera, to which all distances on the road are proportional."""

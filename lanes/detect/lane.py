@@ -11,7 +11,7 @@ import numpy as np
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
 from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, lane_features, log_odds_terms
-from lanes.detect.line_type import MarkingProfile, TypeVotes
+from lanes.detect.line_type import NO_VOTES, MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -74,7 +74,7 @@ class LineEvidence:
     # on from frame to frame.
     rows: int | None = None
     profile: MarkingProfile | None = None
-    votes: TypeVotes = TypeVotes()
+    votes: TypeVotes = NO_VOTES
     start_m: float = 0.0
 
     @property

@@ -75,8 +75,7 @@ class VoteSettings:
     line_m: tuple[float, float] = (0.3, 3.6)
     # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
     prior_weight: float = 0.05
-    # Hypotheses whose lines are paired, and lanes that are returned.
-    paired: int = 300
+    # Lanes that are returned.
     lanes: int = 5
     # Two lanes are duplicates, because they lead to the same fit, if centre and width differ by less than this. Their
     # curvatures must also differ by less than this value (1/m) plus this share of them.
@@ -168,27 +167,25 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     hypothesis, middle = settings.hypotheses, settings.bin_centres_m
     shared = votes.copy()
     shared[:, 1:-1] += settings.neighbour_share * (votes[:, :-2] + votes[:, 2:])
-    # float32, because there are 145,000 pairs of bins
+    # float32, because there are 400,000 pairs of bins
     support = np.sqrt(shared / rows).astype(np.float32)
     beside = (np.abs(middle) > settings.line_m[0]) & (np.abs(middle) < settings.line_m[1])
     left, right = np.flatnonzero(beside & (middle > 0)), np.flatnonzero(beside & (middle < 0))
-    distance = ((hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
-    bound = support[:, left].max(1) + support[:, right].max(1) - settings.prior_weight * distance
-    kept = np.argsort(-bound, kind="stable")[: settings.paired]
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
     pair_distance = ((width - prior.mean[WIDTH]) / prior.std[WIDTH]) ** 2 + (centre / prior.std[CENTRE]) ** 2
-    score = support[kept][:, left, None] + support[kept][:, None, right]
+    score = support[:, left, None] + support[:, None, right]
     score -= (settings.prior_weight * pair_distance).astype(np.float32)
-    score = score.reshape(len(kept), -1)
+    score = score.reshape(len(hypothesis), -1)
     pair = score.argmax(axis=1)
-    best = score[np.arange(len(kept)), pair] - settings.prior_weight * distance[kept]
-    lanes = np.zeros((len(kept), PARAMETERS))
+    distance = ((hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
+    best = score[np.arange(len(pair)), pair] - settings.prior_weight * distance
+    lanes = np.zeros((len(pair), PARAMETERS))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
-    lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis[kept]
-    return suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings)
+    lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis
+    return _suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings)
 
 
-def suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings = VOTES) -> np.ndarray:
+def _suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings) -> np.ndarray:
     """The first `settings.lanes` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
