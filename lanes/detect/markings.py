@@ -106,22 +106,8 @@ def network_log_odds(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
 Markings = Callable[[np.ndarray], np.ndarray]
 
 
-@dataclass(frozen=True, eq=False)
-class Mask:
-    """Probabilities (rows, columns) float32 of lane markings in one image; see `find_mask`."""
-
-    probability: np.ndarray
-    with_own: bool
-    confidence_shift: float
-
-
-def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
-    """The mask that a function finds, and its attributes `with_own` and `confidence_shift`, if any; None without one.
-
-    Raises LaneError if it is no mask.
-    """
-    if not markings:
-        return None
+def find_mask(image: np.ndarray, markings: Markings) -> np.ndarray:
+    """The mask (rows, columns) float32 that a function finds; raises LaneError if it is no mask."""
     mask, name = np.asarray(markings(image), np.float32), getattr(markings, "__name__", markings)
     low, high = (mask.min(), mask.max()) if mask.size else (np.nan, np.nan)
     if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):  # also for NaN
@@ -130,8 +116,7 @@ def find_mask(image: np.ndarray, markings: Markings | None) -> Mask | None:
     (rows, columns), (height, width) = mask.shape, image.shape[:2]
     if not isinstance(markings, MarkingModel) and rows != columns and abs(rows * height - columns * width) < rows:
         raise LaneError(f"{name}: returned a mask (rows, columns) {mask.shape} of an image {(height, width)}; turn it.")
-    with_own, shift = getattr(markings, "with_own", False), getattr(markings, "confidence_shift", 0.0)
-    return Mask(np.clip(mask, 0, 1), with_own, float(shift))
+    return np.clip(mask, 0, 1)
 
 
 @dataclass(frozen=True)

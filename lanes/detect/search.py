@@ -38,7 +38,7 @@ from lanes.detect.fit import (
 )
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
 from lanes.detect.line_type import MIN_ROAD_M, MarkingProfile, marking_profile
-from lanes.detect.markings import Markings, find_mask
+from lanes.detect.markings import Markings
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -415,8 +415,8 @@ def detect_still(
 ) -> StillDetection:
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
     image = require_camera(camera).require_size(image)
-    paint, mask = require_type(settings, DetectorSettings, "settings").paint, find_mask(image, markings)
-    return _search(find_evidence(image, _view_of(camera, settings), paint, mask=mask), settings)
+    paint = require_type(settings, DetectorSettings, "settings").paint
+    return _search(find_evidence(image, _view_of(camera, settings), paint, markings=markings), settings)
 
 
 def search_at_heights(
@@ -431,8 +431,7 @@ def search_at_heights(
 
     The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
     """
-    mask = find_mask(camera.require_size(image), markings)
-    evidence = find_evidence(image, _view_of(camera, settings), settings.paint, mask=mask)
+    evidence = find_evidence(image, _view_of(camera, settings), settings.paint, markings=markings)
     found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
     return [replace(f, lane=replace(f.lane, same_lane_share=1.0)) if f.lane else f for f in found]
 

@@ -58,6 +58,8 @@ LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
 VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
+# Above the speed of any car on a road.
+MAX_SPEED_MPS = 120.0
 # A standard deviation on straight roads, and its growth with the road's curvature, 1/m.
 BaseShare = tuple[float, float]
 
@@ -70,10 +72,8 @@ class FilterSettings:
     add up. Textbook values for cars; the rest was tuned on the rendered suite where no source is given.
     """
 
-    # Speed where it is not given: mean, standard deviation; the maximum; standard deviation of a given speed (clock,
-    # speedometer).
+    # Speed where it is not given: mean, standard deviation; standard deviation of a given speed (clock, speedometer).
     usual_speed_mps: tuple[float, float] = (24.0, 8.0)
-    max_speed_mps: float = 70.0
     given_speed_std_mps: float = 0.5
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
     lateral_mps2: tuple[float, float] = (3.0, 6.0)
@@ -150,7 +150,7 @@ def initial_state(
     speed, speed_std = speed_mps, s.given_speed_std_mps
     if speed_mps is None:
         usual, usual_std = s.usual_speed_mps
-        speed = min(usual, max_speed_mps(lane[CURVATURE], s.lateral_mps2[0], s.max_speed_mps))
+        speed = min(usual, max_speed_mps(lane[CURVATURE], s.lateral_mps2[0]))
         speed_std = usual_std * speed / usual
     path_std = np.hypot(s.path_per_m_per_s[0], s.path_per_m_per_s[1] * lane[CURVATURE])
     full = np.zeros((STATES, STATES))
@@ -311,8 +311,7 @@ def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings:
     root = np.linalg.cholesky(predicted.covariance)
     gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
     mean = np.concatenate([lane, predicted.mean[CAR] + gain @ (lane - predicted.lane)])
-    fastest = max_speed_mps(lane[CURVATURE], settings.lateral_mps2[1], settings.max_speed_mps)
-    mean[SPEED] = min(max(mean[SPEED], 0.0), fastest)
+    mean[SPEED] = min(max(mean[SPEED], 0.0), max_speed_mps(lane[CURVATURE], settings.lateral_mps2[1]))
     # sums of squares, because differences of nearly equal matrices may lose positive definiteness
     regression = np.vstack([np.eye(PARAMETERS), gain])
     updated = regression @ ((covariance + covariance.T) / 2) @ regression.T
@@ -330,7 +329,6 @@ def to_adjacent_lane(state: State, side: float, prior: RoadPrior) -> State:
     return State(jacobian @ state.mean, covariance)
 
 
-def max_speed_mps(curvature_per_m: float, lateral_mps2: float, most_mps: float) -> float:
-    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `most_mps`."""
-    min_curvature = lateral_mps2 / most_mps**2
-    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), min_curvature)))
+def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:
+    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `MAX_SPEED_MPS`."""
+    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), lateral_mps2 / MAX_SPEED_MPS**2)))

@@ -126,7 +126,7 @@ def test_a_network_that_does_not_fit_is_refused_at_loading(tmp_path, detect, how
 @pytest.mark.parametrize("shape", [(640, 360), (64, 36)])
 def test_a_mask_that_is_turned_is_refused(shape):
     image = np.zeros((720, 1280, 3), np.uint8)
-    assert find_mask(image, lambda _: np.zeros(shape[::-1])).probability.shape == shape[::-1]
+    assert find_mask(image, lambda _: np.zeros(shape[::-1])).shape == shape[::-1]
     assert find_mask(image, lambda _: np.zeros((512, 512))) is not None  # of a stretched image
     with pytest.raises(LaneError, match=r"returned a mask \(rows, columns\) .* of an image \(720, 1280\); turn it"):
         find_mask(image, lambda _: np.zeros(shape))
