@@ -90,12 +90,12 @@ class Shown(NamedTuple):
     That is everything if the lane is unlikely or has one line.
     """
 
-    confidence: float = 0.0
-    log_height: float = np.nan
-    pitch_rad: float = np.nan
-    yaw_rad: float = np.nan
-    roll_rad: float = np.nan
-    edge: float = np.nan
+    confidence: float
+    log_height: float
+    pitch_rad: float
+    yaw_rad: float
+    roll_rad: float
+    edge: float
 
 
 def table(shown: Sequence[Shown]) -> np.ndarray:
@@ -111,7 +111,7 @@ def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
     """
     lane, pose = still.lane, still.camera.require_pose()
     if lane is None or lane.confidence < LIKELY_CONFIDENCE or not (lane.left.seen and lane.right.seen):
-        return Shown()
+        return Shown(0.0, *[np.nan] * 5)
     log_height, roll_rad = float(np.log(pose.height_m * lane_width_m / lane.width_m)), np.nan
     if any(lane.far_evidence):
         left_m, right_m = lane.model[ADJACENT]

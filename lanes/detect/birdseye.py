@@ -77,17 +77,17 @@ class BirdsEyeView:
         half = round(self.half_width_m / self.cell_m)
         return np.arange(half, -half - 1, -1) * self.cell_m
 
-    @property
+    @cached_property
     def height_m(self) -> float:
         """Height of the camera above the road."""
         return self.camera.require_pose().height_m
 
-    @property
+    @cached_property
     def focal_px(self) -> float:
         """Focal length along a picture row."""
         return float(self.camera.matrix[0, 0])
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return len(self.x_m), len(self.y_m)

@@ -54,12 +54,8 @@ class PaintSettings:
     angle_std_rad: float = 0.1
     # Standard deviation of a candidate's lateral position: that of worn paint nearby; far away it is one pixel.
     position_std_m: float = 0.04
-    # Weight of an edge of the road relative to paint of the same probability, and the standard deviation of its place:
-    # a kerb, a gutter and the end of the asphalt are decimetres apart.
+    # Weight of an edge of the road relative to paint of the same probability.
     edge_weight: float = 0.25
-    edge_std_m: float = 0.4
-    # Strength of the band filter that is taken as the least where its response is combined with other sources.
-    least_strength: float = 1.5
 
 
 PAINT = PaintSettings()
@@ -313,8 +309,8 @@ def find_evidence(
         # the weight of a cell (`strength_weight`) is the probability that the network states
         log_odds = network_log_odds(image, view)
         paint, edges = settings.half_weight_strength * np.exp(log_odds / 2) * view.seen
-        # the mean of the log odds; a response below the noise says nothing against paint
-        strength = np.sqrt(np.maximum(strength, np.float32(settings.least_strength) * view.seen) * paint)
+        # the mean of the log odds; a response below one and a half times the noise says nothing against paint
+        strength = np.sqrt(np.maximum(strength, np.float32(1.5) * view.seen) * paint)
         sources.append("network")
     if markings is not None:
         mask = find_mask(image, markings)
@@ -355,7 +351,8 @@ def _mask_strength(probability: np.ndarray, view: BirdsEyeView, settings: PaintS
 def _edge_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintSettings) -> Stripes:
     """Candidates for edges of the road, with less weight and a larger standard deviation than paint."""
     edges = find_stripes(response, view, settings)
-    std_m, weight = np.hypot(edges.std_m, settings.edge_std_m), settings.edge_weight * edges.weight
+    # a kerb, a gutter and the end of the asphalt are decimetres apart
+    std_m, weight = np.hypot(edges.std_m, 0.4), settings.edge_weight * edges.weight
     return replace(edges, weight=weight, std_m=std_m, edge=np.ones(len(edges), bool))
 
 

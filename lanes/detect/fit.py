@@ -118,18 +118,6 @@ def flatten(
     return ground.x_m, y_m * scale, np.arctan(slope)
 
 
-def arc_coordinates(points: np.ndarray, curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Points x + iy relative to arcs that begin at the origin along the x axis: (a, tangent).
-
-    `a` is the distance to the left of the arc, at right angles. The tangent of the arc there is a unit vector.
-    """
-    turned = 1 + 1j * curvature * points
-    # |1 - k a|
-    scale = np.maximum(np.abs(turned), MIN_SCALE)
-    a = (2 * points.imag - curvature * (points.real**2 + points.imag**2)) / (1 + scale)
-    return a, turned / scale
-
-
 @dataclass(frozen=True, eq=False)
 class StripeResiduals:
     """Residuals of stripes with respect to lanes (K, 15)."""
@@ -193,7 +181,11 @@ def path_coordinates(lanes: np.ndarray, points: np.ndarray) -> tuple[Path, PathC
         nearest = np.searchsorted(_NODE_BORDERS_M[: count - 1], along)
         node = _in_table(nearest, count)
         curvature = curvatures.take(node)
-        a, turned = arc_coordinates((points - path.points.take(node)) * backwards.take(node), curvature)
+        on_arc = (points - path.points.take(node)) * backwards.take(node)
+        turned = 1 + 1j * curvature * on_arc
+        scale = np.maximum(np.abs(turned), MIN_SCALE)  # |1 - k a|
+        a = (2 * on_arc.imag - curvature * (on_arc.real**2 + on_arc.imag**2)) / (1 + scale)
+        turned /= scale
         turn = np.angle(turned)
         ahead = turn / curvature
         along = NODES_M[nearest] + ahead
@@ -263,26 +255,16 @@ class FitSettings:
         *((far_m, 3.0) for far_m in (9.0, 11.0, 13.0, 16.0, 19.0, 23.0)),
         *((28.0, 2.0), (35.0, 2.0), (45.0, 2.0), (70.0, 1.0), (70.0, 1.0)),
     )
-    # Start hypotheses that are fitted to all stripes.
-    finalists: int = 3
     # Variance inflation of the tracker's fits: the errors of stripes in one frame are correlated (same paint and lens).
     variance_inflation: float = 4.0
-    # A stripe belongs to a line if its weight is larger than this.
-    min_weight: float = 0.25
     # Stripes nearer to a line than this, in distance (m) and direction (rad), and up to this distance ahead. If a fit
     # explains less weight than theirs by a larger share than `max_unexplained`, the road may bend or undulate more.
     nearby: tuple[float, float, float] = (0.5, 0.3, 45.0)
     max_unexplained: float = 0.2
-    # Vertical curvature added to the prior's standard deviation for roads that undulate, and the weight of stripes that
-    # such a fit must gain.
-    undulation_std_per_m: float = 4e-3
+    # Weight of stripes that the fit of a road that undulates must gain.
     undulation_gain: float = 6.0
-    # Support of a line is counted up to this distance, over at least this many rows: three rows are no reliable share.
+    # Support of a line is counted up to this distance.
     support_far_m: float = 50.0
-    min_support_rows: int = 30
-    # A line ends, for `Fit.extent_m`, before a longer gap in its stripes: German dashes are 12 m apart, and may be half
-    # seen at either end. Stripes behind such a gap are often on a vehicle that hides the road.
-    max_gap_m: float = 16.0
     # A line is seen if its support is at least this. A lane is seen if its lines and the far lines of adjacent lanes
     # together have this support.
     min_support: float = 0.03
@@ -334,19 +316,20 @@ class Fit:
     @cached_property
     def members(self) -> np.ndarray:
         """(K, 2, stripes) bool: the stripe belongs to the left or to the right line of the lane."""
-        min_weight = self.settings.min_weight * np.where(self.stripes.edge, PAINT.edge_weight, 1.0)
-        return self.on_line & (self.weight > min_weight)[:, None]
+        least = 0.25 * np.where(self.stripes.edge, PAINT.edge_weight, 1.0)
+        return self.on_line & (self.weight > least)[:, None]
 
     @cached_property
     def extent_m(self) -> np.ndarray:
         """(K, 2, 2) distance of the nearest and the farthest stripe of each line on the lane's road; 0 without any.
 
-        The farthest one is the last before a gap of more than `max_gap_m`.
+        The farthest one is the last before a gap of more than 16 m: German dashes are 12 m apart, and may be half seen
+        at either end. Stripes behind such a gap are often on a vehicle that hides the road.
         """
         beyond_m = np.full((*self.members.shape[:2], 1), 1e6)
         x_m = np.sort(np.where(self.members, self.stripes.x_m, beyond_m), axis=-1)
         x_m = np.concatenate([x_m, beyond_m], axis=-1)
-        last = (np.diff(x_m, append=2 * beyond_m) > self.settings.max_gap_m).argmax(axis=-1)
+        last = (np.diff(x_m, append=2 * beyond_m) > 16.0).argmax(axis=-1)
         ends_m = np.stack([x_m[..., 0], np.take_along_axis(x_m, last[..., None], axis=-1)[..., 0]], axis=-1)
         marked = self.members.any(axis=-1, keepdims=True)
         flat_m = np.where(marked, ends_m, 1.0).reshape(len(self.lanes), -1)
@@ -366,13 +349,13 @@ class Fit:
 
     @cached_property
     def visible_rows(self) -> np.ndarray:
-        """(K, 2) visible rows of each line up to `support_far_m`, at least `min_support_rows`."""
+        """(K, 2) visible rows of each line up to `support_far_m`, at least 30: three rows are no reliable share."""
         view = self.view
         rows = np.flatnonzero(view.x_m < self.settings.support_far_m)
         column = (view.y_m[0] - self.lines_y_m[..., rows]) / view.cell_m
         inside = (column >= 0) & (column <= len(view.y_m) - 1)
         seen = inside & view.seen[rows, np.where(inside, column, 0).astype(int)]
-        return np.maximum(seen.sum(axis=-1), self.settings.min_support_rows)
+        return np.maximum(seen.sum(axis=-1), 30)
 
     @property
     def support(self) -> np.ndarray:
@@ -397,23 +380,24 @@ def near_stripes(stripes: Stripes, settings: FitSettings = FIT) -> Stripes:
 def fit_starts(
     starts: np.ndarray, stripes: Stripes, view: BirdsEyeView, settings: FitSettings = FIT
 ) -> tuple[Fit, Fit]:
-    """Fit start hypotheses (K, 15) to the near stripes, and the best of them to all: both fits, the second of one lane.
+    """Fit start hypotheses (K, 15) to the near stripes, and the best three of them to all stripes: both fits.
 
+    The second is that of one lane.
     The best lane has the largest sum of the square roots of its lines' supports; lanes that the car is not in come
     last. If it leaves many stripes nearby unexplained, it is also fitted as a road that undulates.
     """
     s = settings
     near = fit_lanes(starts, near_stripes(stripes, s), view, s, schedule=s.start)
     marked = np.sqrt((near.weight[:, None] * near.on_line).sum(-1)).sum(-1)
-    order = np.lexsort((-marked, ~is_ego_lane(near.lanes)))[: s.finalists]
+    order = np.lexsort((-marked, ~is_ego_lane(near.lanes)))[:3]
     fits = fit_lanes(near.lanes[order], stripes, view, s)
     best = np.lexsort((-np.sqrt(fits.support).sum(1), ~is_ego_lane(fits.lanes)))[:1]
     residuals = stripe_residuals(fits.lanes[best], stripes, view.height_m)
     fit = Fit(fits.lanes[best], fits.information[best], residuals, stripes, view, s)
     if not fit.unexplained[0]:
         return near, fit
-    hills = s.undulation_std_per_m
-    undulating = fit_lanes(fit.lanes, stripes, view, s, schedule=s.outwards, extra_vertical_per_m=hills)
+    # a standard deviation of 4e-3 1/m: crests and dips with a radius of 250 m
+    undulating = fit_lanes(fit.lanes, stripes, view, s, schedule=s.outwards, extra_vertical_per_m=4e-3)
     return near, undulating if undulating.explained[0] > fit.explained[0] + s.undulation_gain else fit
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
-from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, lane_features, log_odds_terms
+from lanes.detect.confidence import LIKELY_CONFIDENCE, WEIGHTS, error_variance_factor, lane_features
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
@@ -181,7 +181,7 @@ class CarMotion:
     # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
     turning_std_per_m: float
     course_std_rad: float
-    speed_std_mps: float = 0.0
+    speed_std_mps: float
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class Lane(ByValue):
     @property
     def log_odds_terms(self) -> dict[str, float]:
         """What contributes to `log_odds`, by name; the constant includes `confidence_shift`."""
-        terms = log_odds_terms(self.features)
+        terms = {name: WEIGHTS[name] * value for name, value in self.features.items()}
         return terms | {"constant": terms["constant"] + self.confidence_shift}
 
     @property

@@ -35,36 +35,19 @@ from lanes.files import parse_yaml, protobuf_fields, read_text, require_file
 NETWORK_FILE = Path(__file__).with_name("marking_network.onnx")
 
 
-@dataclass(frozen=True)
-class NetworkParameters:
-    """Inputs of the network: its weights have to be trained again if one of these numbers changes."""
-
-    # Rows of the finer view for each row of the view.
-    fine_rows: int = 3
-    # Windows along a row, and rows of the finer view, of the mean that a cell is compared with, and of the scatter
-    # around such means: wheel tracks are wider than the first, so they are no scatter.
-    mean_window_m: float = 1.05
-    scatter_window_m: float = 2.5
-    window_rows: int = 15
-    # Grey levels, added to the scatter: rounding and sensor noise.
-    scatter_floor: float = 2.0
-    # Grey levels, added to the mean lightness, so that black images have no contrast.
-    lightness_floor: float = 16.0
-
-
-NETWORK = NetworkParameters()
+# Rows of the finer view for each row of the view.
+FINE_ROWS = 3
 # A network keeps its input, so threads use it one after the other.
 _NETWORK_IN_USE = threading.Lock()
 
 
 @lru_cache(maxsize=2)
 def finer_view(view: BirdsEyeView) -> BirdsEyeView:
-    """The view with `NETWORK.fine_rows` rows for each of its rows; their middle one is at the same distance."""
-    n = NETWORK.fine_rows
-    growth = (1 + view.growth) ** (1 / n) - 1
-    near_m = view.x_m[-1] / (1 + growth) ** (n // 2)
+    """The view with `FINE_ROWS` rows for each of its rows; their middle one is at the same distance."""
+    growth = (1 + view.growth) ** (1 / FINE_ROWS) - 1
+    near_m = view.x_m[-1] / (1 + growth) ** (FINE_ROWS // 2)
     # half a row beyond the farthest one, so that rounding does not drop it
-    far_m = near_m * (1 + growth) ** (n * len(view.x_m) - 0.5)
+    far_m = near_m * (1 + growth) ** (FINE_ROWS * len(view.x_m) - 0.5)
     return replace(view, near_m=near_m, far_m=far_m, growth=growth)
 
 
@@ -74,21 +57,25 @@ def network_inputs(fine_image: np.ndarray, fine: BirdsEyeView, focal_px: float) 
     Lightness and yellowness relative to their scatter make the response nearly independent of exposure. Lightness
     relative to its mean shows that a faint streak on a very smooth road is not paint. The fourth input is the width of
     a pixel in cells: far away, lines are as wide as their blur. `focal_px` is that of the raw image.
+
+    The weights of the network have to be trained again if one of the numbers here changes.
     """
 
     def window_mean(cells: np.ndarray, window_m: float) -> np.ndarray:
-        return cv2.blur(cells, (round(window_m / fine.cell_m) | 1, NETWORK.window_rows))
+        return cv2.blur(cells, (round(window_m / fine.cell_m) | 1, 15))
 
     contrasts, means, scatters = [], [], []
     for channel in (lightness, yellowness):
         cells = channel(fine_image).astype(np.float32)
-        means.append(window_mean(cells, NETWORK.mean_window_m))
+        # wheel tracks are wider than the window of the mean, so they are no scatter
+        means.append(window_mean(cells, 1.05))
         contrasts.append(cells - means[-1])
         # OpenCV's running sums may round a zero down
-        variance = np.maximum(window_mean(contrasts[-1] ** 2, NETWORK.scatter_window_m), 0)
-        scatters.append(np.sqrt(variance) + NETWORK.scatter_floor)
+        variance = np.maximum(window_mean(contrasts[-1] ** 2, 2.5), 0)
+        # rounding and sensor noise are about two grey levels
+        scatters.append(np.sqrt(variance) + 2.0)
     pixel_width = np.log2(1 + fine.x_m / (focal_px * fine.cell_m)).astype(np.float32)
-    relative = contrasts[0] / (means[0] + NETWORK.lightness_floor)
+    relative = contrasts[0] / (means[0] + 16.0)  # grey levels, so that black images have no contrast
     widths = np.broadcast_to(pixel_width[:, None], relative.shape)
     return np.stack([contrasts[0] / scatters[0], contrasts[1] / scatters[1], relative, widths])
 

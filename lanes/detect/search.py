@@ -65,27 +65,19 @@ class VoteSettings:
     # steps. They are dense where roads usually are; radii go down to 15 m.
     headings: tuple[int, float, float] = (6, 0.03, 0.18)
     curvatures: tuple[int, float, float] = (11, 0.0015, 0.24)
-    # Pitch hypotheses are 0 and plus or minus this.
-    pitch_step_rad: float = 0.018
     bin_m: float = 0.15
     bins: int = 60
-    # Share of a bin's votes that both its neighbours get, for stripes between two bins.
-    neighbour_share: float = 0.6
     # Distances from the car to either side between which lines are searched.
     line_m: tuple[float, float] = (0.3, 3.6)
     # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
     prior_weight: float = 0.05
     # Lanes that are returned.
     lanes: int = 5
-    # Two lanes are duplicates, because they lead to the same fit, if centre and width differ by less than this. Their
-    # curvatures must also differ by less than this value (1/m) plus this share of them.
-    duplicate_m: float = 0.35
-    duplicate_curvature: tuple[float, float] = (0.002, 0.3)
 
     @cached_property
     def hypotheses(self) -> np.ndarray:
         """(H, 3): heading, curvature and pitch."""
-        pitches = np.arange(-1, 2) * self.pitch_step_rad
+        pitches = np.arange(-1, 2) * 0.018  # a degree up and down, as cars pitch
         values = _spread(*self.headings), _spread(*self.curvatures), pitches
         return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3)
 
@@ -141,7 +133,7 @@ def count_votes(stripes: Stripes, height_m: float, settings: VoteSettings = VOTE
 def _distances_and_agreement(x, y, angle, angle_std, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
     """For each hypothesis and stripe: the stripe's distance from the arc, and the agreement of the directions, 0 to 1.
 
-    The geometry is that of `lanes.detect.fit.arc_coordinates`, written as two products of matrices in float32:
+    The geometry is that of `lanes.detect.fit`, written as two products of matrices in float32:
     bins are coarse, and this table takes most of the time of a search.
     """
     sin, cos = np.sin(heading), np.cos(heading)
@@ -165,8 +157,9 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     fair lines therefore beat one good line alone.
     """
     hypothesis, middle = settings.hypotheses, settings.bin_centres_m
+    # a stripe between two bins also counts in the other one
     shared = votes.copy()
-    shared[:, 1:-1] += settings.neighbour_share * (votes[:, :-2] + votes[:, 2:])
+    shared[:, 1:-1] += 0.6 * (votes[:, :-2] + votes[:, 2:])
     # float32, because there are 400,000 pairs of bins
     support = np.sqrt(shared / rows).astype(np.float32)
     beside = (np.abs(middle) > settings.line_m[0]) & (np.abs(middle) < settings.line_m[1])
@@ -182,19 +175,21 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     lanes = np.zeros((len(pair), PARAMETERS))
     lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
     lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis
-    return _suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings)
+    return _suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings.lanes)
 
 
-def _suppress_non_maxima(lanes: np.ndarray, settings: VoteSettings) -> np.ndarray:
-    """The first `settings.lanes` of the lanes (N, 15), best first, that are no duplicates of an earlier one."""
+def _suppress_non_maxima(lanes: np.ndarray, count: int) -> np.ndarray:
+    """The first `count` of the lanes (N, 15), best first, that do not lead to the same fit as an earlier one.
+
+    Two lanes do if centre and width differ by less than 0.35 m, and the curvatures by less than 0.002 1/m and 30 %.
+    """
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
-    tolerance_per_m, share = settings.duplicate_curvature
-    while len(chosen) < settings.lanes and free.any():
+    while len(chosen) < count and free.any():
         chosen.append(int(free.argmax()))
         difference = np.abs(lanes - lanes[chosen[-1]])
-        moved = np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > settings.duplicate_m
-        free &= moved | (difference[:, CURVATURE] > tolerance_per_m + share * np.abs(lanes[:, CURVATURE]))
+        moved = np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > 0.35
+        free &= moved | (difference[:, CURVATURE] > 0.002 + 0.3 * np.abs(lanes[:, CURVATURE]))
     return lanes[chosen]
 
 
@@ -218,8 +213,6 @@ class DetectorSettings:
     # in a wider one the network finds more that is no lane.
     near_m: float = 2.5
     half_width_m: float = 6.5
-    # Heights tried where the height is uncertain: steps of its logarithm, in standard deviations.
-    tried_heights: tuple[float, ...] = (0.0, -1.0, 1.0)
 
 
 DETECTOR = DetectorSettings()
@@ -227,15 +220,11 @@ DETECTOR = DetectorSettings()
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The steps of a search: vote table, fit of all start hypotheses to the near stripes, and the final fit.
-
-    `lane` is None if the fitted lane is not seen.
-    """
+    """The steps of a search: vote table, fit of all start hypotheses to the near stripes, and the final fit."""
 
     votes: np.ndarray
     starts: Fit
     fit: Fit
-    lane: Lane | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -260,15 +249,15 @@ class StillDetection:
         return self.lane.confidence if self.lane else 0.0
 
 
-def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Search | None:
-    """Search the ego lane in the evidence of one image; None without stripes near the car."""
+def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> StillDetection:
+    """Search the ego lane in the evidence of one image."""
     stripes, view = evidence.stripes, evidence.view
     if not len(near_stripes(stripes, settings.fit)):
-        return None
+        return StillDetection(evidence)
     votes, starts = vote_lanes(stripes, view, settings.fit.prior, settings.votes)
     near, fit = fit_starts(starts, stripes, view, settings.fit)
     if not fit.seen[0]:
-        return Search(votes, near, fit, None)
+        return StillDetection(evidence, Search(votes, near, fit))
     left, right = observe_lines(fit, evidence, (LineEvidence(), LineEvidence()))
     model = fit.lanes[0] + inner_stripe_shift([left.profile, right.profile])
     lane = Lane(
@@ -284,7 +273,7 @@ def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> Se
         confidence_shift=evidence.confidence_shift,
         camera=evidence.view.camera,
     )
-    return Search(votes, near, fit, lane)
+    return StillDetection(evidence, Search(votes, near, fit), lane)
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:
@@ -416,7 +405,7 @@ def detect_still(
     """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
     image = require_camera(camera).require_size(image)
     paint = require_type(settings, DetectorSettings, "settings").paint
-    return _search(find_evidence(image, _view_of(camera, settings), paint, markings=markings), settings)
+    return search_lane(find_evidence(image, _view_of(camera, settings), paint, markings=markings), settings)
 
 
 def search_at_heights(
@@ -432,7 +421,7 @@ def search_at_heights(
     The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
     """
     evidence = find_evidence(image, _view_of(camera, settings), settings.paint, markings=markings)
-    found = [_search(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
+    found = [search_lane(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
     return [replace(f, lane=replace(f.lane, same_lane_share=1.0)) if f.lane else f for f in found]
 
 
@@ -453,7 +442,8 @@ def detect_with_own_pose(
     The pose of `camera` is the estimate; it is kept if no height shows a lane. `height_log_std` is the standard
     deviation of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
     """
-    steps = np.array(settings.tried_heights if height_log_std else (0.0,))
+    # of the logarithm of the height, in standard deviations
+    steps = np.array([0.0, -1.0, 1.0] if height_log_std else [0.0])
     log_prior, factors = -0.5 * steps**2, np.exp(steps * height_log_std)
     found = search_at_heights(image, camera, camera.require_pose().height_m * factors, settings, markings=markings)
     shown = [k for k, detection in enumerate(found) if detection.lane]
@@ -472,12 +462,6 @@ def detect_with_own_pose(
     prior = np.exp(log_prior)
     share = float(same[best] @ prior[shown] / prior.sum())
     return replace(found[shown[best]], lane=replace(lanes[best], same_lane_share=share))
-
-
-def _search(evidence: Evidence, settings: DetectorSettings) -> StillDetection:
-    """The search for the ego lane in the evidence of a single image."""
-    search = search_lane(evidence, settings)
-    return StillDetection(evidence, search, search.lane if search else None)
 
 
 def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:

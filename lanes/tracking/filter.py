@@ -84,15 +84,9 @@ class FilterSettings:
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     pose_std_rad: float = 0.004
     # A smaller speed (m/s) than this, with a larger heading, on a road with less curvature (1/m): the filter explains a
-    # wrong yaw of the pose by a car that hardly moves. The yaw is then unknown, with this standard deviation.
+    # wrong yaw of the pose by a car that hardly moves. The yaw is then unknown.
     standing: tuple[float, float, float] = (9.0, 0.02, 5e-3)
-    wrong_yaw_std_rad: float = 0.05
-    # Time constant with which the springs return the pitch to rest.
-    pitch_relaxation_s: float = 0.3
-    # Decay lengths of the rate, because transition curves end; of a predicted rate step, whose size and position are
-    # uncertain before it is measured; and of the vertical curvature.
-    rate_decay_m: float = 150.0
-    rate_step_decay_m: float = 15.0
+    # Decay length of the vertical curvature.
     vertical_decay_m: float = 20.0
     # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting; pedals.
     centre_m_per_s: float = 0.015
@@ -179,12 +173,20 @@ def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
     return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std, speed_std_mps)
 
 
-def predict(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> State:
-    """The state `elapsed_s` seconds later, before the next measurement."""
+def predict(
+    state: State, elapsed_s: float, settings: FilterSettings = FILTER, *, speed_mps: float | None = None
+) -> State:
+    """The state `elapsed_s` seconds later, before the next measurement.
+
+    The error of a speed from elsewhere (clock, speedometer) has nothing to do with the rest.
+    """
     mean, jacobian = transition(state.mean, elapsed_s, settings)
     covariance = jacobian @ state.covariance @ jacobian.T
     covariance.flat[:: STATES + 1] += process_noise(state, elapsed_s, settings)
-    return State(mean, covariance)
+    predicted = State(mean, covariance)
+    if speed_mps is None:
+        return predicted
+    return _with_independent(predicted, speed_mps, {SPEED: settings.given_speed_std_mps})
 
 
 def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FILTER) -> tuple[np.ndarray, np.ndarray]:
@@ -194,8 +196,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
     d, turn, (lever_m, lever_growth) = speed * elapsed_s, curvature - path, lever(speed, settings)
     slant = heading - camera_yaw - lever_m * path
-    pitch_kept = exp(-elapsed_s / settings.pitch_relaxation_s)
-    rates_kept, rates_moved = _rate_transition(d, settings)
+    pitch_kept = exp(-elapsed_s / 0.3)  # seconds in which the springs return the pitch to rest
+    rates_kept, rates_moved = _rate_transition(d)
     vertical = _vertical_transition(d, settings)
 
     after = mean.copy()
@@ -220,13 +222,14 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     return after, jacobian
 
 
-def _rate_transition(distance_m: float, settings: FilterSettings) -> tuple[np.ndarray, np.ndarray]:
+def _rate_transition(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Share of rate and rate steps (4,) that stays after driving on, and of the steps (3,) that moves one knot nearer.
 
     A step comes nearer and is shared by the knots before and behind it; a step at the car becomes part of the rate.
     """
     moved = np.minimum(np.maximum(distance_m / KNOT_GAPS_M, 0), 1)
-    rate_decay, step_decay = exp(-distance_m / settings.rate_decay_m), exp(-distance_m / settings.rate_step_decay_m)
+    # metres: transition curves end, and a predicted step is uncertain in size and position before it is measured
+    rate_decay, step_decay = exp(-distance_m / 150.0), exp(-distance_m / 15.0)
     return np.concatenate([[rate_decay], (1 - moved) * step_decay]), moved * rate_decay
 
 
@@ -263,11 +266,6 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
     return variance
 
 
-def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = FILTER) -> State:
-    """The state with a speed from elsewhere (clock, speedometer), whose error has nothing to do with the rest."""
-    return _with_independent(state, speed_mps, {SPEED: settings.given_speed_std_mps})
-
-
 def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
     """The state, with the usual speed and any yaw if a car on a smooth road seems to stand and point away from it."""
     speed_mps, heading_rad, curvature_per_m = settings.standing
@@ -275,7 +273,7 @@ def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
     if not stands or max_curvature(state.lane) >= curvature_per_m:
         return state
     usual, usual_std = settings.usual_speed_mps
-    return _with_independent(state, usual, {SPEED: usual_std, CAMERA_YAW: settings.wrong_yaw_std_rad})
+    return _with_independent(state, usual, {SPEED: usual_std, CAMERA_YAW: 0.05})  # 3 degrees
 
 
 def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) -> State:

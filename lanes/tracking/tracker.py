@@ -48,7 +48,6 @@ from lanes.tracking.filter import (
     predict,
     to_adjacent_lane,
     update,
-    with_given_speed,
     without_wrong_yaw,
 )
 
@@ -84,15 +83,9 @@ class TrackerSettings:
     # Two lanes are the same if their lines lie within three of the known one's standard deviations of each other 6, 12
     # and 20 m ahead, but never farther apart than the larger limit, and always if nearer than the smaller one.
     same_lane_m: tuple[float, float] = (0.15, 0.3)
-    # Distance of the car's centre beyond a line at which the adjacent lane becomes the ego lane; a hysteresis.
-    lane_change_m: float = 0.1
-    # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead with
-    # this margin. The search uses the second one.
+    # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead. The
+    # search uses the second one.
     half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
-    view_margin_m: float = 0.8
-    # The views of most frames do not contain the far lines of the adjacent lanes: searches see them. In between they
-    # end where the last search saw them end, and are dropped if that is nearer than this, where they leave the image.
-    min_far_reach_m: float = 12.0
     # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
     profile_period: int = 10
     # Shortest time between samples of what never moves in the image.
@@ -237,9 +230,7 @@ class LaneTracker:
         evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
         self.evidence = evidence
         if self._estimate is not None and self.lane is not None:
-            predicted = predict(self._estimate, elapsed_s, s.filter)
-            if self.speed_mps is not None:
-                predicted = with_given_speed(predicted, self.speed_mps, s.filter)
+            predicted = predict(self._estimate, elapsed_s, s.filter, speed_mps=self.speed_mps)
             fit = measure(evidence.stripes, predicted, view, s.detector.fit)
             self.prediction, self.fit = predicted, fit
             estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
@@ -298,7 +289,11 @@ class LaneTracker:
                 replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - moved_m, 0.0))
                 for line in last.evidence
             ]
-        estimate, lines, far = self._to_ego_lane(estimate, lines, self._nearer(last.far_evidence, moved_m))
+        # the views of most frames do not contain the far lines of the adjacent lanes: searches see them; in between
+        # they end where the last search saw them end, and are dropped nearer than 12 m, where they leave the image
+        nearer = [far and replace(far, reach_m=far.reach_m - moved_m) for far in last.far_evidence]
+        far_left, far_right = (far if far and far.reach_m >= 12.0 else None for far in nearer)
+        estimate, lines, far = self._to_ego_lane(estimate, lines, (far_left, far_right))
         if seen:
             self._unseen_s = 0.0
             self._regained += self._state == COASTING
@@ -314,12 +309,6 @@ class LaneTracker:
         self._estimate = estimate
         self.lane = self._describe(estimate, lines, far, clear_share(fit), elapsed_s)
 
-    def _nearer(self, far_evidence: FarEvidence, moved_m: float) -> FarEvidence:
-        """What a search showed of the far lines, as far as it is still ahead `moved_m` later."""
-        nearer = (far and replace(far, reach_m=far.reach_m - moved_m) for far in far_evidence)
-        left, right = (far if far and far.reach_m >= self.settings.min_far_reach_m else None for far in nearer)
-        return left, right
-
     def _to_ego_lane(
         self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence
     ) -> tuple[State, Sequence[LineEvidence], FarEvidence]:
@@ -329,7 +318,8 @@ class LaneTracker:
         """
         centre, width = estimate.lane[[CENTRE, WIDTH]]
         centre += self.view.camera.offset_m  # seen from the middle of the car
-        if abs(centre) < width / 2 + self.settings.lane_change_m:
+        # 0.1 m beyond the line, so that it does not change back and forth
+        if abs(centre) < width / 2 + 0.1:
             return estimate, lines, far
         prior = self.settings.detector.fit.prior
         if centre < 0:
@@ -423,12 +413,13 @@ class LaneTracker:
 
     def _search(self, evidence: Evidence) -> Lane | None:
         """The lane found in the evidence without memory."""
-        self.search = search_lane(evidence, self.settings.detector)
-        return self.search.lane if self.search else None
+        found = search_lane(evidence, self.settings.detector)
+        self.search = found.search
+        return found.lane
 
     def _narrowest_view(self, lane: Lane | None, least: BirdsEyeView) -> BirdsEyeView:
-        """The narrowest view that contains both lines of a lane, not narrower than another one."""
-        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + self.settings.view_margin_m if lane else 0.0
+        """The narrowest view that contains both lines of a lane and 0.8 m beside them, not narrower than `least`."""
+        reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + 0.8 if lane else 0.0
         reach_m = max(reach_m, least.half_width_m)
         return next((view for view in self._views if reach_m <= view.half_width_m), self._views[-1])
 
