@@ -105,16 +105,6 @@ class BirdsEyeView:
         with np.errstate(invalid="ignore"):
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
 
-    def seen_share(self, rows: int, columns: int) -> np.ndarray:
-        """(rows, columns) float32: share of a window around each cell that lies inside the picture."""
-        if (rows, columns) not in self._seen_share:
-            self._seen_share[rows, columns] = cv2.blur(self.seen.astype(np.float32), (columns, rows))
-        return self._seen_share[rows, columns]
-
-    @cached_property
-    def _seen_share(self) -> dict[tuple[int, int], np.ndarray]:
-        return {}
-
     @cached_property
     def first_row_px(self) -> int:
         """First picture row that any cell is sampled from, rounded down to whole reduced pixels.

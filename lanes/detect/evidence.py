@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from functools import reduce
+from functools import lru_cache, reduce
 from math import lcm
 
 import cv2
@@ -188,9 +188,15 @@ def _local_noise(steps: np.ndarray, window: int, view: BirdsEyeView, settings: P
     rows = settings.noise_window[1]
     noise = np.array([cv2.boxFilter(channel, cv2.CV_32F, (window, rows)) for channel in steps])
     # cells inside the picture have a larger share than 0.2
-    noise /= 2 * np.maximum(view.seen_share(rows, window), 0.2)
+    noise /= 2 * np.maximum(_seen_share(view, (window, rows)), 0.2)
     noise += settings.noise_floor
     return noise
+
+
+@lru_cache(maxsize=8)
+def _seen_share(view: BirdsEyeView, window: tuple[int, int]) -> np.ndarray:
+    """(rows, columns) float32: share of a `window` (columns, rows) around each cell that lies inside the image."""
+    return cv2.blur(view.seen.astype(np.float32), window)
 
 
 def find_stripes(response: MarkingResponse, view: BirdsEyeView, settings: PaintSettings = PAINT) -> Stripes:

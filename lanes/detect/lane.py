@@ -148,7 +148,7 @@ class Line(ByValue, LineEvidence):
 
         They end where the line turns back, dips behind a crest or leaves the lens; at least two points or none.
         """
-        return _outlines(self.model, np.array([self.side]), camera, along_m)[0]
+        return visible_part(project_lines(self.model, np.array([self.side]), camera, along_m)[0])
 
     def seen_pixels(self, camera: Camera) -> np.ndarray:
         """`pixels` as far as markings are seen on the line, up to `reach_m`."""
@@ -418,7 +418,7 @@ class Lane(ByValue):
 
     def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> list[np.ndarray]:
         """`Line.pixels` of the left and of the right line."""
-        return _outlines(self.model, SIDES, camera, along_m)
+        return [visible_part(line) for line in project_lines(self.model, SIDES, camera, along_m)]
 
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
@@ -499,11 +499,6 @@ def project_lines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m:
     pose = camera.require_pose()
     pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(model[PITCH])))
     return pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
-
-
-def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> list[np.ndarray]:
-    """Raw pixels (N, 2) of lines of a lane (15,), for each of the `sides`; see `Line.pixels`."""
-    return [visible_part(line) for line in project_lines(model, sides, camera, along_m)]
 
 
 def visible_part(pixels: np.ndarray) -> np.ndarray:

@@ -67,8 +67,6 @@ class VoteSettings:
     curvatures: tuple[int, float, float] = (11, 0.0015, 0.24)
     bin_m: float = 0.15
     bins: int = 60
-    # Distances from the car to either side between which lines are searched.
-    line_m: tuple[float, float] = (0.3, 3.6)
     # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
     prior_weight: float = 0.05
     # Lanes that are returned.
@@ -162,8 +160,8 @@ def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSet
     shared[:, 1:-1] += 0.6 * (votes[:, :-2] + votes[:, 2:])
     # float32, because there are 400,000 pairs of bins
     support = np.sqrt(shared / rows).astype(np.float32)
-    beside = (np.abs(middle) > settings.line_m[0]) & (np.abs(middle) < settings.line_m[1])
-    left, right = np.flatnonzero(beside & (middle > 0)), np.flatnonzero(beside & (middle < 0))
+    # metres from the car to either side
+    left, right = (np.flatnonzero((side * middle > 0.3) & (side * middle < 3.6)) for side in SIDES)
     width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
     pair_distance = ((width - prior.mean[WIDTH]) / prior.std[WIDTH]) ** 2 + (centre / prior.std[CENTRE]) ** 2
     score = support[:, left, None] + support[:, None, right]

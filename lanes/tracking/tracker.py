@@ -76,18 +76,12 @@ class TrackerSettings:
     search_period_s: float = 1.0
     start_period_s: float = 0.2
     pose_period_s: float = 0.5
-    # After this time without a likely lane the second and the third grow with it, to at most this number of times, and
+    # After 5 s without a likely lane the second and the third grow with this time, to at most this number of times, and
     # no frame in between is searched.
-    patience_s: float = 5.0
     slowest: float = 4.0
-    # Two lanes are the same if their lines lie within three of the known one's standard deviations of each other 6, 12
-    # and 20 m ahead, but never farther apart than the larger limit, and always if nearer than the smaller one.
-    same_lane_m: tuple[float, float] = (0.15, 0.3)
     # Half widths of the views while tracking: the narrowest is used that contains both lines 5, 20 and 35 m ahead. The
     # search uses the second one.
     half_widths_m: tuple[float, ...] = (4.5, 9.0, 13.0)
-    # Period, in frames, in which the profile of each line is measured, left and right in turn: they seldom change.
-    profile_period: int = 10
     # Shortest time between samples of what never moves in the image.
     static_period_s: float = 0.5
 
@@ -262,7 +256,7 @@ class LaneTracker:
     @property
     def _slower(self) -> float:
         """How many times longer the periods are, because no likely lane was seen for some time."""
-        return min(max(self._unlikely_s / self.settings.patience_s, 1.0), self.settings.slowest)
+        return min(max(self._unlikely_s / 5.0, 1.0), self.settings.slowest)
 
     def _is_due(self) -> tuple[bool, bool]:
         """Whether to search this frame without memory, and whether with the network, too."""
@@ -278,8 +272,8 @@ class LaneTracker:
     def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
         """Take the updated estimate; coast on it if the lane is not seen, or give it up."""
         s = self.settings
-        phase, half = self._frames % s.profile_period, s.profile_period // 2
-        profiles_of = (0,) if phase == 0 else (1,) if phase == half else ()
+        # profiles seldom change: in ten frames that of each line is measured once, in turn
+        profiles_of = {0: (0,), 5: (1,)}.get(self._frames % 10, ())
         lines: Sequence[LineEvidence] = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
         seen = sum(line.support for line in lines) >= 2 * s.detector.fit.min_support
         # what was seen before is nearer by the distance driven
@@ -424,9 +418,13 @@ class LaneTracker:
         return next((view for view in self._views if reach_m <= view.half_width_m), self._views[-1])
 
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:
-        """Whether both lines of a detected lane are those of the known one."""
+        """Whether both lines of a detected lane are those of the known one.
+
+        They are if they lie within three of its standard deviations of each other 6, 12 and 20 m ahead, but never if
+        they are farther apart than 0.3 m, and always if nearer than 0.15 m.
+        """
         at_m = np.array([6.0, 12.0, 20.0])
-        tolerance_m = np.clip(3.0 * lateral_std_m(known.fit_covariance, at_m), *self.settings.same_lane_m)
+        tolerance_m = np.clip(3.0 * lateral_std_m(known.fit_covariance, at_m), 0.15, 0.3)
         # lines of a hairpin may turn back before these distances: NaN counts as the same
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
 
