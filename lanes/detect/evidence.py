@@ -116,11 +116,17 @@ class Stripes:
 
 
 def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT) -> MarkingResponse:
-    """Response of the band filters to an image (rows, columns, 3), uint8, of the view, from `view.warp`."""
+    """Response of the band filters to an image (rows, columns, 3), uint8, of the view, from `view.warp`.
+
+    Filters use sums instead of means, scaled to a common unit: the integers are exact, and int16 is twice as fast as
+    float32. If the sums do not fit because the cells are small, numpy's next larger type is used.
+    """
     lengths_m = settings.single_m, settings.double_m, settings.gap_m, settings.noise_window[0]
     single, double, gap, window = (round(length / view.cell_m) | 1 for length in lengths_m)
     pad, unit = double // 2 + gap + single + 1, lcm(single, double)
-    channels = _padded_channels(view_image, pad, unit)
+    padded = cv2.copyMakeBorder(view_image, 0, 0, pad, pad, cv2.BORDER_REPLICATE)
+    channels = np.empty((2, *padded.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
+    channels[0], channels[1] = lightness(padded), yellowness(padded)
     inside = (..., slice(pad, -pad))
     singles = _sums_around(channels, single) * (unit // single)
     road = singles.copy()
@@ -134,18 +140,6 @@ def marking_response(view_image: np.ndarray, view: BirdsEyeView, settings: Paint
     strength = np.maximum(np.maximum(*np.maximum(narrow, wide) / noise), 0, dtype=np.float32)
     strength = cv2.copyTo(strength, view.seen.view(np.uint8))
     return MarkingResponse(strength, channels[inside], strength)
-
-
-def _padded_channels(view_image: np.ndarray, pad: int, unit: int) -> np.ndarray:
-    """(2, rows, columns + 2 pad) lightness and yellowness, in a type that holds sums over `unit` cells.
-
-    Filters use sums instead of means, scaled to a common unit: the integers are exact, and int16 is twice as fast as
-    float32. If the sums do not fit because the cells are small, numpy's next larger type is used.
-    """
-    padded = cv2.copyMakeBorder(view_image, 0, 0, pad, pad, cv2.BORDER_REPLICATE)
-    channels = np.empty((2, *padded.shape[:2]), np.min_scalar_type(-2 * 255 * unit))
-    channels[0], channels[1] = lightness(padded), yellowness(padded)
-    return channels
 
 
 def _sums_around(cells: np.ndarray, count: int) -> np.ndarray:
