@@ -1,11 +1,11 @@
-"""Bird's-eye view: the road from above, on a grid in metres, straight from the raw picture.
+"""Bird's-eye view: the road from above, on a grid in metres, straight from the raw image.
 
 The four-point warp of the course's first half has pixels of unknown size. Here each cell has a known position on the
 road. The centre of each cell is projected through pose and lens once, when the view is made; after that a frame costs
 one remap.
 
-The distances of the rows form a geometric series, which matches the spacing of picture rows. A cell near the car covers
-many pixels and a distant one less than one. Each row is therefore sampled from a picture that is reduced until the cell
+The distances of the rows form a geometric series, which matches the spacing of image rows. A cell near the car covers
+many pixels and a distant one less than one. Each row is therefore sampled from an image that is reduced until the cell
 covers about one of its pixels, as with mip maps (L. Williams, "Pyramidal parametrics", SIGGRAPH 1983).
 """
 
@@ -21,7 +21,7 @@ from lanes.camera import Camera
 from lanes.detect.road import VIEW_END_M
 from lanes.errors import CameraError
 
-# Enough for pictures of 4000 columns.
+# Enough for images of 4000 columns.
 REDUCTIONS = (1, 2, 4, 8, 16)
 # (reduction, rows of the view, map, map fraction): the rows sampled at a reduction, and the pixels to sample.
 LookupTable = tuple[int, slice, np.ndarray, np.ndarray]
@@ -84,7 +84,7 @@ class BirdsEyeView:
 
     @cached_property
     def focal_px(self) -> float:
-        """Focal length along a picture row."""
+        """Focal length along an image row."""
         return float(self.camera.matrix[0, 0])
 
     @cached_property
@@ -100,19 +100,19 @@ class BirdsEyeView:
 
     @cached_property
     def seen(self) -> np.ndarray:
-        """(rows, columns) bool: the cell lies inside the picture."""
+        """(rows, columns) bool: the cell lies inside the image."""
         u, v = np.moveaxis(self.pixels, 2, 0)
         with np.errstate(invalid="ignore"):
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
 
     @cached_property
     def first_row_px(self) -> int:
-        """First picture row that any cell is sampled from, rounded down to whole reduced pixels.
+        """First image row that any cell is sampled from, rounded down to whole reduced pixels.
 
         Raises
         ------
         CameraError
-            If no cell is in the picture.
+            If no cell is in the image.
         """
         if not self.seen.any():
             raise CameraError(
@@ -132,17 +132,17 @@ class BirdsEyeView:
         return view
 
     def warp(self, image: np.ndarray) -> np.ndarray:
-        """The bird's-eye view of a raw picture: RGB (rows, columns, 3) uint8.
+        """The bird's-eye view of a raw image: RGB (rows, columns, 3) uint8.
 
-        Cells outside the picture repeat the nearest cell of their row inside it, so that no filter sees the picture's
+        Cells outside the image repeat the nearest cell of their row inside it, so that no filter sees the image's
         border as an edge on the road. Use `blacken` before display.
 
         Raises
         ------
         PictureError
-            If the picture is not RGB or not of the camera's size.
+            If the image is not RGB or not of the camera's size.
         CameraError
-            If no cell is in the picture.
+            If no cell is in the image.
         """
         reduced, reduction = self.camera.require_size(image)[self.first_row_px :], 1
         cells = np.empty((*self.shape, 3), np.uint8)
@@ -155,12 +155,12 @@ class BirdsEyeView:
         return cells
 
     def blacken(self, cells: np.ndarray) -> np.ndarray:
-        """A copy of a picture of the view, black where the cells lie outside the raw picture."""
+        """A copy of an image of the view, black where the cells lie outside the raw image."""
         return cv2.copyTo(cells, self.seen.view(np.uint8))
 
     @cached_property
     def _lookup_tables(self) -> list[LookupTable]:
-        # cells outside the picture repeat the nearest cell of their row inside it
+        # cells outside the image repeat the nearest cell of their row inside it
         columns = self.shape[1]
         first, last = self.seen.argmax(axis=1), columns - 1 - self.seen[:, ::-1].argmax(axis=1)
         nearest = np.clip(np.arange(columns), first[:, None], last[:, None])
@@ -173,7 +173,7 @@ class BirdsEyeView:
             rows = np.flatnonzero(level == index)
             if len(rows):
                 part = slice(rows[0], rows[-1] + 1)
-                # far outside any picture, so that the remap returns its border value where the lens does not reach
+                # far outside any image, so that the remap returns its border value where the lens does not reach
                 pixels = np.nan_to_num(nearest_pixels[part] - [0, self.first_row_px], nan=-99.0)
                 # pixel centres lie at integers: the first reduced pixel is centred on (reduction - 1) / 2
                 position = (pixels - (reduction - 1) / 2) / reduction

@@ -176,12 +176,12 @@ def _filter_band(centre: np.ndarray, side: np.ndarray, reaches: Sequence[int]) -
 def _local_noise(steps: np.ndarray, window: int, view: BirdsEyeView, settings: PaintSettings) -> np.ndarray:
     """Mean step from column to column around each cell plus the noise floor, (2, rows, columns) float32.
 
-    `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored picture has the
-    mirrored noise. Steps outside the picture are 0 and are left out of the mean.
+    `steps` holds the sum of each cell's two steps, to the left and to the right, so that the mirrored image has the
+    mirrored noise. Steps outside the image are 0 and are left out of the mean.
     """
     rows = settings.noise_window[1]
     noise = np.array([cv2.boxFilter(channel, cv2.CV_32F, (window, rows)) for channel in steps])
-    # cells inside the picture have a larger share than 0.2
+    # cells inside the image have a larger share than 0.2
     noise /= 2 * np.maximum(_seen_share(view, (window, rows)), 0.2)
     noise += settings.noise_floor
     return noise
@@ -238,7 +238,7 @@ def _stripe_angle(
 ) -> np.ndarray:
     """Direction of stripes on the road from the structure tensor of the response (Bigun and Granlund, 1987)."""
     rows, columns = strength.shape
-    # an odd number of cells, so that a mirrored picture has mirrored directions
+    # an odd number of cells, so that a mirrored image has mirrored directions
     cells = columns // coarse_columns | 1
     coarse = cv2.resize(strength, (cells, rows), interpolation=cv2.INTER_AREA)
     across, along = cv2.Scharr(coarse, cv2.CV_32F, 1, 0), cv2.Scharr(coarse, cv2.CV_32F, 0, 1)

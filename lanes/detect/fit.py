@@ -94,7 +94,7 @@ def intersect_ground(x_m: np.ndarray, lanes: np.ndarray, height_m: float) -> Gro
     """
     lanes = np.asarray(lanes)
     ray_fall = height_m / x_m + lanes[..., PITCH, None]
-    # road that is lower in the picture than nearer road is hidden behind it
+    # road that is lower in the image than nearer road is hidden behind it
     falls = _INVERSE_ROAD_M * (height_m - lanes[..., VERTICAL_CURVATURE] @ _ROAD_HEIGHTS.T)
     falls = np.minimum.accumulate(falls[..., ::-1], axis=-1)[..., ::-1]
     inverse_x = np.empty(ray_fall.shape)

@@ -429,7 +429,7 @@ class LaneTracker:
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
 
 
-# A place of the picture is static if it is occupied in this share of the samples, of which this number is needed.
+# A place of the image is static if it is occupied in this share of the samples, of which this number is needed.
 MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
 # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
 # stands, everything is static, and the sample is left out.
