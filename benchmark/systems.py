@@ -19,12 +19,12 @@ import numpy as np
 
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
-from lanes import camera, detect, stills, tracking
+from lanes import camera, detect, tracking
 from lanes.camera import Camera
 from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
-from lanes.stills import find_lane
+from lanes.detect.search import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 
 TRACKER, DETECTOR = "tracker", "detector"
@@ -33,7 +33,7 @@ SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 # In single pictures the tracker is the detector.
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Files and folders that the estimates of a system depend on.
-_CAMERA, _STILLS = Path(inspect.getfile(camera)), Path(inspect.getfile(stills))
+_CAMERA = Path(inspect.getfile(camera))
 _HELPERS = Path(inspect.getfile(LaneFinder))
 _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.
@@ -49,7 +49,7 @@ def source_files(system: str) -> tuple[Path, ...]:
     """Source files and folders that the estimates of a system depend on."""
     if is_own_finder(system):
         return _CAMERA, Path(system.rpartition(":")[0])
-    return (_CAMERA, _DETECT, _STILLS, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _HELPERS)
+    return (_CAMERA, _DETECT, _TRACK) if system in (TRACKER, DETECTOR) else (_CAMERA, _HELPERS)
 
 
 def start_system(

@@ -24,6 +24,7 @@ from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, C
 from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
+from lanes.detect.search import HEIGHT_RANGE_M, detect_still
 from lanes.draw import STYLES
 from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.errors import CameraError, LaneError, PoseError
@@ -43,7 +44,6 @@ from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
 from lanes.sources import Sources, find_sources, require_topic, sample_images
-from lanes.stills import HEIGHT_RANGE_M, detect_still
 from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video, read_frames
 
 

@@ -19,9 +19,8 @@ from lanes.camera import Camera, require_camera
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
-from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.evidence import PAINT, Evidence, find_evidence
 from lanes.detect.lane import Lane, project_lines, telemetry_row, visible_part
-from lanes.detect.paint import PAINT
 from lanes.detect.road import SIDES, lines_on_view
 from lanes.tracking.tracker import LaneTracker
 

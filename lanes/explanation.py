@@ -16,15 +16,14 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.describe import describe_bend
+from lanes.detect.birdseye import lightness
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses
-from lanes.detect.evidence import Evidence
+from lanes.detect.evidence import PAINT, Evidence, strength_weight
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
-from lanes.detect.paint import PAINT, lightness, strength_weight
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
-from lanes.detect.search import Search, StillDetection
+from lanes.detect.search import Search, StillDetection, detect_still
 from lanes.errors import ByValue, CameraError
-from lanes.stills import detect_still
 from lanes.tracking.pose_change import describe_wrong_yaw
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
@@ -128,7 +127,7 @@ def explain(
     Parameters
     ----------
     detection : StillDetection, optional
-        What was found in the image, if that is known; otherwise it is that of `lanes.stills.detect_still`.
+        What was found in the image, if that is known; otherwise it is that of `lanes.detect.search.detect_still`.
     pose_doubt : str, optional
         Given if the pose of `camera` was estimated from the same files: why it is uncertain, or empty. It is the failed
         step if no lane is found.

@@ -21,8 +21,7 @@ from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, 
 from lanes.describe import describe_std
 from lanes.detect.fit import Fit
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
-from lanes.detect.search import Search, StillDetection
-from lanes.detect.votes import VOTES
+from lanes.detect.search import VOTES, Search, StillDetection
 from lanes.draw import draw_lane
 from lanes.explanation import Explanation
 from lanes.files import write_atomically

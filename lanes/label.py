@@ -23,7 +23,7 @@ from tornado.httpserver import HTTPServer
 from tornado.netutil import bind_sockets
 from tornado.web import Application, HTTPError, RequestHandler, StaticFileHandler
 
-from lanes.detect.paint import lightness, yellowness
+from lanes.detect.birdseye import lightness, yellowness
 from lanes.drive import DriveSettings, detect_stills
 from lanes.errors import LaneError
 from lanes.files import locked, read_json_lines, translate_write_errors, write_json_lines

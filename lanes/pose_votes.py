@@ -26,9 +26,7 @@ from lanes.camera import Camera, CameraPose
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.markings import Markings
 from lanes.detect.road import ADJACENT, CENTRE, SIDES
-from lanes.detect.search import DetectorSettings, StillDetection
-from lanes.detect.votes import sums_of_products
-from lanes.stills import HEIGHT_RANGE_M, search_at_heights
+from lanes.detect.search import HEIGHT_RANGE_M, DetectorSettings, StillDetection, search_at_heights, sums_of_products
 
 # Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard deviation of 4.8 degrees on them.
 _PITCHES_RAD, _YAWS_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
@@ -92,12 +90,12 @@ class Shown(NamedTuple):
     That is everything if the lane is unlikely or has one line.
     """
 
-    confidence: float = 0.0
-    log_height: float = np.nan
-    pitch_rad: float = np.nan
-    yaw_rad: float = np.nan
-    roll_rad: float = np.nan
-    edge: float = np.nan
+    confidence: float
+    log_height: float
+    pitch_rad: float
+    yaw_rad: float
+    roll_rad: float
+    edge: float
 
 
 def table(shown: Sequence[Shown]) -> np.ndarray:
@@ -113,7 +111,7 @@ def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
     """
     lane, pose = still.lane, still.camera.require_pose()
     if lane is None or lane.confidence < LIKELY_CONFIDENCE or not (lane.left.seen and lane.right.seen):
-        return Shown()
+        return Shown(0.0, *[np.nan] * 5)
     log_height, roll_rad = float(np.log(pose.height_m * lane_width_m / lane.width_m)), np.nan
     if any(lane.far_evidence):
         left_m, right_m = lane.model[ADJACENT]

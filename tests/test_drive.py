@@ -12,13 +12,13 @@ import pytest
 from PIL import Image
 
 from lanes.camera import Camera, save_camera
+from lanes.detect.search import detect_still
 from lanes.drive import Annotation, DriveSettings, annotate
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
 from lanes.labels import detect_in_video
 from lanes.pose import PoseEstimate
-from lanes.stills import detect_still
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter

@@ -13,11 +13,11 @@ from helpers import RECIPES, colour_channel, draw_lane_between
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.search import find_lane
 from lanes.draw import draw_lane
 from lanes.errors import PictureError
 from lanes.explanation import explain
 from lanes.images import read_image, require_rgb, write_image
-from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter

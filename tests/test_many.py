@@ -23,8 +23,7 @@ import psutil
 import pytest
 
 from lanes import many
-from lanes.detect.markings import load_markings
-from lanes.detect.network import read_network
+from lanes.detect.markings import load_markings, read_network
 from lanes.drive import DriveSettings, annotate_drive
 from lanes.errors import VideoError
 from lanes.field_of_view import FieldOfView

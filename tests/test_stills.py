@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.search import StillDetection
+from lanes.detect.search import StillDetection, detect_still, detect_with_own_pose, find_lane
 from lanes.errors import CameraError
 from lanes.pose import estimate_pose
-from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from simulator.rendering.render import render_frame
 from simulator.scenes.suite import SUITE
 from tests.support.painted_roads import dashcam, paint_motorway

@@ -29,12 +29,12 @@ from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings, load_markings
+from lanes.detect.search import find_lane
 from lanes.errors import PoseError
 from lanes.field_of_view import DEFAULT_HFOV_DEG
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose import estimate_pose
 from lanes.score import score_still
-from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.not_roads import KINDS, not_a_road
 from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe

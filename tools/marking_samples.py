@@ -17,9 +17,8 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera, CameraPose
-from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import NETWORK, finer_view
-from lanes.detect.paint import lightness, yellowness
+from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
+from lanes.detect.markings import FINE_ROWS, finer_view
 from lanes.errors import CameraError
 from simulator.not_roads import KINDS, not_a_road
 from simulator.objects.scene_objects import PlacedWall
@@ -176,7 +175,7 @@ def _coverage(markings: tuple[Marking, ...], ground: Ground) -> np.ndarray:
 
 def _strongest(share: np.ndarray) -> np.ndarray:
     """(rows, columns) bool: cells in the middle of a strip, from its share (fine rows, columns) uint8."""
-    share = share.reshape(-1, NETWORK.fine_rows, share.shape[1]).max(axis=1).astype(np.float32)
+    share = share.reshape(-1, FINE_ROWS, share.shape[1]).max(axis=1).astype(np.float32)
     nearby = cv2.dilate(share, np.ones((1, NEARBY), np.uint8))
     return (share >= PAINT_SHARE * nearby) & (share > MIN_SHARE)
 
@@ -302,8 +301,8 @@ def label_cells(with_lines: np.ndarray, without: np.ndarray) -> np.ndarray:
     light = lightness(with_lines).astype(np.float32) - lightness(without)
     yellow = yellowness(with_lines).astype(np.float32) - yellowness(without)
     brighter = np.maximum(light, yellow)
-    rows, columns = len(brighter) // NETWORK.fine_rows, brighter.shape[1]
-    brighter = brighter.reshape(rows, NETWORK.fine_rows, columns).max(axis=1)
+    rows, columns = len(brighter) // FINE_ROWS, brighter.shape[1]
+    brighter = brighter.reshape(rows, FINE_ROWS, columns).max(axis=1)
     nearby = cv2.dilate(brighter, np.ones((1, NEARBY), np.uint8))
     label = np.full(brighter.shape, UNKNOWN, np.uint8)
     label[(brighter < NO_PAINT_LEVELS) | (brighter < NO_PAINT_SHARE * nearby)] = 0

@@ -1,4 +1,4 @@
-"""Train the network of `lanes.detect.network` on rendered pictures, and write its ONNX file.
+"""Train the network of `lanes.detect.markings` on rendered pictures, and write its ONNX file.
 
     pip install torch onnx
     python -m tools.train_marking_network [--samples FILE] [--pictures N] [--epochs N] [-o FILE]
@@ -24,7 +24,7 @@ from torch.nn import functional as nnf
 from lanes.camera import Camera, CameraPose
 from lanes.console import bounded, progress_line
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import NETWORK, NETWORK_FILE, finer_view, network_inputs
+from lanes.detect.markings import FINE_ROWS, NETWORK_FILE, finer_view, network_inputs
 from simulator.processes import available_workers, run_all
 from tools.marking_samples import UNKNOWN, take_sample
 
@@ -73,10 +73,8 @@ class MarkingNetwork(nn.Module):
     def __init__(self) -> None:
         super().__init__()
         # the middle row of the first group of rows is row 1
-        padding = FIRST_KERNEL[0] // 2 - NETWORK.fine_rows // 2, FIRST_KERNEL[1] // 2
-        self.first = MirroredConvolution(
-            INPUTS, FIRST_KERNEL, first=True, stride=(NETWORK.fine_rows, 1), padding=padding
-        )
+        padding = FIRST_KERNEL[0] // 2 - FINE_ROWS // 2, FIRST_KERNEL[1] // 2
+        self.first = MirroredConvolution(INPUTS, FIRST_KERNEL, first=True, stride=(FINE_ROWS, 1), padding=padding)
         self.layers = nn.ModuleList(MirroredConvolution(CHANNELS, KERNEL, dilation=d, padding=d) for d in DILATIONS)
         self.last = nn.Parameter(torch.randn(OUTPUTS, CHANNELS // 2, 1, 1) * 0.1)
         self.bias = nn.Parameter(torch.full((OUTPUTS,), -4.0))

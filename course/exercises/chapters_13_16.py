@@ -14,9 +14,9 @@ from course.exercises.hints import Checks, HintError, require, require_equal, re
 from course.measures import score_finders
 from lanes.camera import Camera, load_camera
 from lanes.detect.lane import Lane
+from lanes.detect.search import find_lane
 from lanes.draw import draw_lane
 from lanes.figures import new_figure
-from lanes.stills import find_lane
 from lanes.video.reader import read_video
 
 # 13.1, after M. D. Zeiler and R. Fergus, "Visualizing and understanding convolutional networks", European Conference on

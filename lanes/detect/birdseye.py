@@ -18,6 +18,7 @@ import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from lanes.detect.road import VIEW_END_M
 from lanes.errors import CameraError
 
 # Enough for images of 4000 columns.
@@ -46,7 +47,7 @@ class BirdsEyeView:
 
     camera: Camera
     near_m: float = 5.0
-    far_m: float = 70.0
+    far_m: float = VIEW_END_M
     growth: float = 0.022
     half_width_m: float = 9.0
     cell_m: float = 0.05
@@ -76,17 +77,17 @@ class BirdsEyeView:
         half = round(self.half_width_m / self.cell_m)
         return np.arange(half, -half - 1, -1) * self.cell_m
 
-    @property
+    @cached_property
     def height_m(self) -> float:
         """Height of the camera above the road."""
         return self.camera.require_pose().height_m
 
-    @property
+    @cached_property
     def focal_px(self) -> float:
         """Focal length along an image row."""
         return float(self.camera.matrix[0, 0])
 
-    @property
+    @cached_property
     def shape(self) -> tuple[int, int]:
         """(rows, columns)."""
         return len(self.x_m), len(self.y_m)
@@ -103,16 +104,6 @@ class BirdsEyeView:
         u, v = np.moveaxis(self.pixels, 2, 0)
         with np.errstate(invalid="ignore"):
             return (u >= 0) & (u <= self.camera.width - 1) & (v >= 0) & (v <= self.camera.height - 1)
-
-    def seen_share(self, rows: int, columns: int) -> np.ndarray:
-        """(rows, columns) float32: share of a window around each cell that lies inside the image."""
-        if (rows, columns) not in self._seen_share:
-            self._seen_share[rows, columns] = cv2.blur(self.seen.astype(np.float32), (columns, rows))
-        return self._seen_share[rows, columns]
-
-    @cached_property
-    def _seen_share(self) -> dict[tuple[int, int], np.ndarray]:
-        return {}
 
     @cached_property
     def first_row_px(self) -> int:
@@ -190,3 +181,14 @@ class BirdsEyeView:
                 maps = cv2.convertMaps(position.astype(np.float32), None, cv2.CV_16SC2)  # type: ignore[call-overload]
                 tables.append((reduction, part, *maps))
         return tables
+
+
+def lightness(view_image: np.ndarray) -> np.ndarray:
+    """Luma of an RGB view, (rows, columns) uint8, weights of ITU-R BT.601."""
+    return cv2.cvtColor(view_image, cv2.COLOR_RGB2GRAY)
+
+
+def yellowness(view_image: np.ndarray) -> np.ndarray:
+    """min(R, G) - B as (rows, columns) int16: large for yellow paint, in sun and in shade."""
+    red, green, blue = cv2.split(view_image)
+    return cv2.subtract(cv2.min(red, green), blue, dtype=cv2.CV_16S)

@@ -83,15 +83,10 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
     return min(max((angle_rad - usual_rad) / 0.05, 0.0), 2.0)
 
 
-def log_odds_terms(features: Mapping[str, float]) -> dict[str, float]:
-    """What the features of a lane contribute to the logarithm of the odds that it is correct, by name."""
-    return {name: WEIGHTS[name] * value for name, value in features.items()}
-
-
 def log_odds_losses(features: Mapping[str, float]) -> dict[str, float]:
     """What the features of a lane cost, compared with the best possible values, by name; the largest is the weakest."""
     best = {"near std": float(np.log(MIN_NEAR_STD_M)), "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT))}
-    losses = {name: WEIGHTS[name] * best.get(name, 0.0) - term for name, term in log_odds_terms(features).items()}
+    losses = {name: WEIGHTS[name] * (best.get(name, 0.0) - value) for name, value in features.items()}
     return {name: loss for name, loss in losses.items() if name != "constant"}
 
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from lanes.camera import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
-from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor, lane_features, log_odds_terms
-from lanes.detect.line_type import MarkingProfile, TypeVotes
+from lanes.detect.confidence import LIKELY_CONFIDENCE, WEIGHTS, error_variance_factor, lane_features
+from lanes.detect.line_type import NO_VOTES, MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -74,7 +74,7 @@ class LineEvidence:
     # on from frame to frame.
     rows: int | None = None
     profile: MarkingProfile | None = None
-    votes: TypeVotes = TypeVotes()
+    votes: TypeVotes = NO_VOTES
     start_m: float = 0.0
 
     @property
@@ -148,7 +148,7 @@ class Line(ByValue, LineEvidence):
 
         They end where the line turns back, dips behind a crest or leaves the lens; at least two points or none.
         """
-        return _outlines(self.model, np.array([self.side]), camera, along_m)[0]
+        return visible_part(project_lines(self.model, np.array([self.side]), camera, along_m)[0])
 
     def seen_pixels(self, camera: Camera) -> np.ndarray:
         """`pixels` as far as markings are seen on the line, up to `reach_m`."""
@@ -181,7 +181,7 @@ class CarMotion:
     # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
     turning_std_per_m: float
     course_std_rad: float
-    speed_std_mps: float = 0.0
+    speed_std_mps: float
 
 
 @dataclass(frozen=True)
@@ -291,7 +291,7 @@ class Lane(ByValue):
     @property
     def log_odds_terms(self) -> dict[str, float]:
         """What contributes to `log_odds`, by name; the constant includes `confidence_shift`."""
-        terms = log_odds_terms(self.features)
+        terms = {name: WEIGHTS[name] * value for name, value in self.features.items()}
         return terms | {"constant": terms["constant"] + self.confidence_shift}
 
     @property
@@ -418,7 +418,7 @@ class Lane(ByValue):
 
     def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> list[np.ndarray]:
         """`Line.pixels` of the left and of the right line."""
-        return _outlines(self.model, SIDES, camera, along_m)
+        return [visible_part(line) for line in project_lines(self.model, SIDES, camera, along_m)]
 
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
@@ -499,11 +499,6 @@ def project_lines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m:
     pose = camera.require_pose()
     pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(model[PITCH])))
     return pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
-
-
-def _outlines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> list[np.ndarray]:
-    """Raw pixels (N, 2) of lines of a lane (15,), for each of the `sides`; see `Line.pixels`."""
-    return [visible_part(line) for line in project_lines(model, sides, camera, along_m)]
 
 
 def visible_part(pixels: np.ndarray) -> np.ndarray:

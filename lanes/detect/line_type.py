@@ -10,13 +10,14 @@ and bare road are summed while the car drives, with less weight for what lies fa
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.paint import PAINT, MarkingResponse
+from lanes.detect.evidence import PAINT, MarkingResponse
 
 # A painted stripe is 0.10 to 0.15 m wide; two of them with their gap are 0.25 m wide or more. So are white edge lines
 # of some motorways, but two stripes have a gap: the largest brightness in their middle, relative to that of the
@@ -54,13 +55,13 @@ class MarkingProfile:
     centre_m: float
     # Smallest height in the middle third of the band near the car, relative to the lower of both halves; 1 for one
     # stripe. Measured only for bands as wide as a double line.
-    gap: float = 1.0
+    gap: float
     # Blue that the paint lacks, relative to white paint in the same light: about 0 for white paint, 1 for yellow.
-    yellowness: float = 0.0
+    yellowness: float
     # Length of the line that is seen, that with paint, and that without.
-    seen_m: float = 0.0
-    painted_m: float = 0.0
-    bare_m: float = 0.0
+    seen_m: float
+    painted_m: float
+    bare_m: float
 
     @property
     def double(self) -> bool:
@@ -91,27 +92,28 @@ def marking_profile(
     )
     light, yellow = light[painted], yellow[painted]
     # white paint shows in the first channel, yellow paint on light concrete in the second
-    profile = _profile(max(light, yellow, key=lambda channel: _cross_section(channel).max()))
-    if profile is None:
+    marking = max(light, yellow, key=lambda channel: _cross_section(channel).max())
+    if _cross_section(marking).max() <= 0:
         return None
+    width_m, centre_m, gap = _measure_section(marking)
     along = strength[:, ROAD_SAMPLES:-ROAD_SAMPLES].max(axis=1)
     usual = np.median(along[painted])
     # lengths are unknown if only a network sees the stripes
     depth_m = view.row_columns[rows] * view.cell_m * (usual > PAINT.min_strength)
-    return replace(
-        profile,
-        yellowness=_yellowness(light, yellow, profile, side),
+    return MarkingProfile(
+        width_m=width_m,
+        centre_m=centre_m,
+        gap=gap,
+        yellowness=_yellowness(light, yellow, np.abs(OFFSETS_M - centre_m) <= width_m / 2, side),
         seen_m=float(depth_m.sum()),
         painted_m=float(depth_m @ (along >= PAINTED_FROM * usual)),
         bare_m=float(depth_m @ (along < BARE_BELOW * usual)),
     )
 
 
-def _profile(values: np.ndarray) -> MarkingProfile | None:
-    """Width, centre and gap of the marking in a straightened channel (rows, offsets); None without a marking."""
+def _measure_section(values: np.ndarray) -> tuple[float, float, float]:
+    """Width, centre and gap of the marking in a straightened channel (rows, offsets); see `MarkingProfile`."""
     section = _cross_section(values)
-    if section.max() <= 0:
-        return None
     painted = np.flatnonzero(section >= section.max() / 2)
     first, last = OFFSETS_M[ROAD_SAMPLES:-ROAD_SAMPLES][painted[[0, -1]]]
     width_m, gap = float(first - last + STEP_M), 1.0
@@ -121,7 +123,7 @@ def _profile(values: np.ndarray) -> MarkingProfile | None:
         third, half = len(band) // 3, len(band) // 2
         peak = min(band[:half].max(), band[-half:].max())
         gap = float(band[third:-third].min() / peak) if peak > 0 else 1.0
-    return MarkingProfile(width_m, float(first + last) / 2, gap)
+    return width_m, float(first + last) / 2, gap
 
 
 def _cross_section(values: np.ndarray) -> np.ndarray:
@@ -131,12 +133,11 @@ def _cross_section(values: np.ndarray) -> np.ndarray:
     return section[road:-road] - max(section[:road].mean(), section[-road:].mean())
 
 
-def _yellowness(light: np.ndarray, yellow: np.ndarray, profile: MarkingProfile, side: float) -> float:
-    """Yellowness of a marking in straightened lightness and yellowness (rows, offsets); see `MarkingProfile`.
+def _yellowness(light: np.ndarray, yellow: np.ndarray, on_band: np.ndarray, side: float) -> float:
+    """Yellowness of a band of offsets in straightened lightness and yellowness (rows, offsets); see `MarkingProfile`.
 
     It is compared with the road towards the lane: beyond the edge of the road may be soil or grass.
     """
-    on_band = np.abs(OFFSETS_M - profile.centre_m) <= profile.width_m / 2
     beside = slice(-ROAD_SAMPLES, None) if side > 0 else slice(ROAD_SAMPLES)
     light, yellow = np.median(light, axis=0), np.median(yellow, axis=0)
     height, yellow_height = (section[on_band].mean() - section[beside].mean() for section in (light, yellow))
@@ -161,16 +162,15 @@ def _straight_cells(view: BirdsEyeView, line_y_m: np.ndarray, first_row: int) ->
     return rows[seen], column[seen]
 
 
-@dataclass(frozen=True)
-class TypeVotes:
+class TypeVotes(NamedTuple):
     """Sums over the observations so far: their number, those of a double line, and those of `MarkingProfile`."""
 
-    observations: float = 0.0
-    yellowness: float = 0.0
-    double_stripes: float = 0.0
-    seen_m: float = 0.0
-    painted_m: float = 0.0
-    bare_m: float = 0.0
+    observations: float
+    yellowness: float
+    double_stripes: float
+    seen_m: float
+    painted_m: float
+    bare_m: float
 
     @property
     def colour(self) -> str | None:
@@ -196,11 +196,8 @@ class TypeVotes:
 
     def add(self, profile: MarkingProfile) -> TypeVotes:
         """Add what one image shows."""
-        return TypeVotes(
-            observations=KEEP * self.observations + 1,
-            yellowness=KEEP * self.yellowness + profile.yellowness,
-            double_stripes=KEEP * self.double_stripes + profile.double,
-            seen_m=KEEP * self.seen_m + profile.seen_m,
-            painted_m=KEEP * self.painted_m + profile.painted_m,
-            bare_m=KEEP * self.bare_m + profile.bare_m,
-        )
+        seen = 1, profile.yellowness, profile.double, profile.seen_m, profile.painted_m, profile.bare_m
+        return TypeVotes(*(KEEP * before + now for before, now in zip(self, seen, strict=True)))
+
+
+NO_VOTES = TypeVotes(*[0.0] * len(TypeVotes._fields))

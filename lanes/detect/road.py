@@ -18,8 +18,7 @@ Parameters are arrays (..., 15), so that competing hypotheses share one pass.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -35,10 +34,10 @@ KNOTS_M = np.array([7.0, 14.0, 24.0])
 # outline. The knots are among them.
 NODES_M = np.concatenate([np.arange(0.0, 50.0, 1.0), np.arange(50.0, 80.0, 2.0), np.geomspace(80.0, 450.0, 16)])
 NODE_GAPS_M = np.diff(NODES_M)
+# The view ends here (metres); beyond it the grade is constant.
+VIEW_END_M = 70.0
 # Distances of the vertical curvatures, metres. Closer knots could not be distinguished from pitch motion.
 VERTICAL_KNOTS_M = np.array([0.0, 12.0, 24.0, 40.0])
-# The view ends here; beyond it the grade is constant.
-STRAIGHT_FROM_M = 70.0
 LEFT_SIDE, RIGHT_SIDE = 1.0, -1.0
 SIDES = np.array([LEFT_SIDE, RIGHT_SIDE])
 # The far lines of the adjacent lanes have the sides `FAR_LINE * LEFT_SIDE` and `FAR_LINE * RIGHT_SIDE`.
@@ -50,7 +49,7 @@ MOTORWAY_CURVATURE_PER_M = 0.002
 MIN_ADVANCE = 0.1
 
 
-_VERTICAL_BREAKS_M = np.array([*VERTICAL_KNOTS_M, STRAIGHT_FROM_M])
+_VERTICAL_BREAKS_M = np.array([*VERTICAL_KNOTS_M, VIEW_END_M])
 # (4, 6) matrix from the vertical curvatures to the curvature at the car and its change of slope at each break.
 _SLOPES = np.diff(np.eye(4, 5)) / np.diff(_VERTICAL_BREAKS_M)
 _SLOPES = np.column_stack([np.eye(4, 1), np.diff(_SLOPES, prepend=np.zeros((4, 1)), append=np.zeros((4, 1)))])
@@ -309,6 +308,10 @@ class RoadPrior:
     Tuned on the labelled Udacity stills where no source is given.
     """
 
+    mean: np.ndarray = field(init=False, repr=False, compare=False)
+    std: np.ndarray = field(init=False, repr=False, compare=False)
+    limit: np.ndarray = field(init=False, repr=False, compare=False)
+
     # Cars drive near the centre of their lane and along it; limits for a car that leaves it.
     centre_m: MeanStdLimit = (0.0, 0.8, 3.0)
     heading_rad: MeanStdLimit = (0.0, 0.15, 0.7)
@@ -329,32 +332,17 @@ class RoadPrior:
     # Growth of the rate steps' standard deviation with the rate that they begin or end.
     rate_step_share: float = 1.5
     # Roads that bend more than motorways also undulate: growth of the vertical curvature's standard deviation with the
-    # excess, and with the largest vertical curvature of the lane.
+    # excess. It also grows with the largest vertical curvature of the lane, by as much.
     vertical_bend_share: float = 0.03
-    vertical_share: float = 1.0
 
-    @cached_property
-    def _table(self) -> np.ndarray:
-        """(3, 15) means, standard deviations and limits."""
+    def __post_init__(self) -> None:
+        """Means, standard deviations for a straight and level road, and largest absolute values, (15,) each."""
         bend = self.heading_rad, self.curvature_per_m, self.rate_per_m2
         groups = (self.vertical_per_m, 4), (self.rate_step_per_m2, 3), (self.adjacent_m, 2)
         rows = [self.centre_m, self.width_m, *bend, self.pitch_rad]
-        return np.array(rows + [row for row, count in groups for _ in range(count)]).T
-
-    @property
-    def mean(self) -> np.ndarray:
-        """(15,) means."""
-        return self._table[0]
-
-    @property
-    def std(self) -> np.ndarray:
-        """(15,) standard deviations for a straight and level road."""
-        return self._table[1]
-
-    @property
-    def limit(self) -> np.ndarray:
-        """(15,) largest absolute values."""
-        return self._table[2]
+        table = np.array(rows + [row for row, count in groups for _ in range(count)]).T
+        for name, values in zip(("mean", "std", "limit"), table, strict=True):
+            object.__setattr__(self, name, values)
 
     def std_at(self, lanes: np.ndarray, *, extra_vertical_per_m: float = 0.0) -> np.ndarray:
         """Standard deviations (K, 15); larger for lanes (K, 15) that bend.
@@ -368,7 +356,7 @@ class RoadPrior:
         std[:, RATE] += expected_rate
         std[:, RATE_STEPS] += (self.rate_step_share * (expected_rate + rate))[:, None]
         vertical = self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
-        vertical += self.vertical_share * np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
+        vertical += np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
         std[:, VERTICAL_CURVATURE] += extra_vertical_per_m + vertical[:, None]
         return std
 

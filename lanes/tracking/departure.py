@@ -79,11 +79,12 @@ def watch_departure(
     turning = float(lane[CURVATURE]) - motion.path_per_m
     drift = -speed * float(np.sin(heading))
     side, time_s = _crossing(left, right, drift, -turning * speed**2)
-    least_drift = -speed * float(np.sin(_towards_zero(heading, motion.course_std_rad)))
+    least_heading = heading - float(np.clip(heading, -motion.course_std_rad, motion.course_std_rad))
+    least_drift = -speed * float(np.sin(least_heading))
     if seen_drift_mps is not None:
         seen = SEEN_FACTOR * seen_drift_mps
         least_drift = min(max(least_drift, min(seen, 0.0)), max(seen, 0.0))
-    least_turning = _towards_zero(turning, motion.turning_std_per_m)
+    least_turning = turning - float(np.clip(turning, -motion.turning_std_per_m, motion.turning_std_per_m))
     _, latest_s = _crossing(left, right, least_drift, -least_turning * speed**2)
     return Departure(left, right, drift, side, time_s, max(time_s, latest_s) < WARN_S)
 
@@ -93,11 +94,6 @@ def _crossing(left_m: float, right_m: float, drift_mps: float, turning_mps2: flo
     times = {"left": _time_to(left_m, drift_mps, turning_mps2), "right": _time_to(right_m, -drift_mps, -turning_mps2)}
     side = min(times, key=times.__getitem__)
     return side if np.isfinite(times[side]) else None, times[side]
-
-
-def _towards_zero(value: float, by: float) -> float:
-    """A value moved towards zero, no farther than zero."""
-    return float(np.sign(value)) * max(abs(value) - by, 0.0)
 
 
 def _time_to(distance_m: float, speed: float, acceleration: float) -> float:

@@ -27,9 +27,9 @@ from math import exp
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
+from lanes.detect.evidence import Stripes
 from lanes.detect.fit import Fit, FitSettings, fit_lanes
 from lanes.detect.lane import CarMotion
-from lanes.detect.paint import Stripes
 from lanes.detect.road import (
     ADJACENT,
     CENTRE,
@@ -58,6 +58,8 @@ LANE, CAR = slice(0, PARAMETERS), slice(PARAMETERS, STATES)
 RATE_CHAIN = np.array([RATE, *range(PARAMETERS)[RATE_STEPS]])
 KNOT_GAPS_M = np.diff(KNOTS_M, prepend=0.0)
 VERTICAL_KNOT_GAPS_M = np.diff(VERTICAL_KNOTS_M)
+# Above the speed of any car on a road.
+MAX_SPEED_MPS = 120.0
 # A standard deviation on straight roads, and its growth with the road's curvature, 1/m.
 BaseShare = tuple[float, float]
 
@@ -70,10 +72,8 @@ class FilterSettings:
     add up. Textbook values for cars; the rest was tuned on the rendered suite where no source is given.
     """
 
-    # Speed where it is not given: mean, standard deviation; the maximum; standard deviation of a given speed (clock,
-    # speedometer).
+    # Speed where it is not given: mean, standard deviation; standard deviation of a given speed (clock, speedometer).
     usual_speed_mps: tuple[float, float] = (24.0, 8.0)
-    max_speed_mps: float = 70.0
     given_speed_std_mps: float = 0.5
     # Lateral acceleration that drivers accept in bends, and that tyres hold, m/s^2.
     lateral_mps2: tuple[float, float] = (3.0, 6.0)
@@ -84,15 +84,9 @@ class FilterSettings:
     # Standard deviation of the pose's pitch and yaw: a quarter of a degree.
     pose_std_rad: float = 0.004
     # A smaller speed (m/s) than this, with a larger heading, on a road with less curvature (1/m): the filter explains a
-    # wrong yaw of the pose by a car that hardly moves. The yaw is then unknown, with this standard deviation.
+    # wrong yaw of the pose by a car that hardly moves. The yaw is then unknown.
     standing: tuple[float, float, float] = (9.0, 0.02, 5e-3)
-    wrong_yaw_std_rad: float = 0.05
-    # Time constant with which the springs return the pitch to rest.
-    pitch_relaxation_s: float = 0.3
-    # Decay lengths of the rate, because transition curves end; of a predicted rate step, whose size and position are
-    # uncertain before it is measured; and of the vertical curvature.
-    rate_decay_m: float = 150.0
-    rate_step_decay_m: float = 15.0
+    # Decay length of the vertical curvature.
     vertical_decay_m: float = 20.0
     # Crosswind and banked roads; bumps; slow changes of load and of the camera's mounting; pedals.
     centre_m_per_s: float = 0.015
@@ -112,10 +106,9 @@ class FilterSettings:
     # Rate steps: small on motorways, up to those of a hairpin (the maximum) where the road bends more.
     rate_step_per_m2_per_m: BaseShare = (5e-5, 0.2)
     max_rate_step_per_m2_per_m: float = 4e-3
-    # Vertical curvature that comes into view, and what lies between the knots: it also grows with the largest vertical
-    # curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
+    # Vertical curvature that comes into view, and what lies between the knots: the largest vertical curvature of the
+    # lane is added; the maximum is a radius of 170 m, at which cars leave the ground.
     vertical_per_m: BaseShare = (3e-4, 0.03)
-    vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
 
 
@@ -151,7 +144,7 @@ def initial_state(
     speed, speed_std = speed_mps, s.given_speed_std_mps
     if speed_mps is None:
         usual, usual_std = s.usual_speed_mps
-        speed = min(usual, max_speed_mps(lane[CURVATURE], s.lateral_mps2[0], s.max_speed_mps))
+        speed = min(usual, max_speed_mps(lane[CURVATURE], s.lateral_mps2[0]))
         speed_std = usual_std * speed / usual
     path_std = np.hypot(s.path_per_m_per_s[0], s.path_per_m_per_s[1] * lane[CURVATURE])
     full = np.zeros((STATES, STATES))
@@ -180,12 +173,20 @@ def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
     return CarMotion(speed, path, camera_yaw + lever_m * path, turning_std, course_std, speed_std_mps)
 
 
-def predict(state: State, elapsed_s: float, settings: FilterSettings = FILTER) -> State:
-    """The state `elapsed_s` seconds later, before the next measurement."""
+def predict(
+    state: State, elapsed_s: float, settings: FilterSettings = FILTER, *, speed_mps: float | None = None
+) -> State:
+    """The state `elapsed_s` seconds later, before the next measurement.
+
+    The error of a speed from elsewhere (clock, speedometer) has nothing to do with the rest.
+    """
     mean, jacobian = transition(state.mean, elapsed_s, settings)
     covariance = jacobian @ state.covariance @ jacobian.T
     covariance.flat[:: STATES + 1] += process_noise(state, elapsed_s, settings)
-    return State(mean, covariance)
+    predicted = State(mean, covariance)
+    if speed_mps is None:
+        return predicted
+    return _with_independent(predicted, speed_mps, {SPEED: settings.given_speed_std_mps})
 
 
 def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FILTER) -> tuple[np.ndarray, np.ndarray]:
@@ -195,8 +196,8 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     path, speed, rest_pitch, camera_yaw = mean[CAR].tolist()
     d, turn, (lever_m, lever_growth) = speed * elapsed_s, curvature - path, lever(speed, settings)
     slant = heading - camera_yaw - lever_m * path
-    pitch_kept = exp(-elapsed_s / settings.pitch_relaxation_s)
-    rates_kept, rates_moved = _rate_transition(d, settings)
+    pitch_kept = exp(-elapsed_s / 0.3)  # seconds in which the springs return the pitch to rest
+    rates_kept, rates_moved = _rate_transition(d)
     vertical = _vertical_transition(d, settings)
 
     after = mean.copy()
@@ -221,13 +222,14 @@ def transition(mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FI
     return after, jacobian
 
 
-def _rate_transition(distance_m: float, settings: FilterSettings) -> tuple[np.ndarray, np.ndarray]:
+def _rate_transition(distance_m: float) -> tuple[np.ndarray, np.ndarray]:
     """Share of rate and rate steps (4,) that stays after driving on, and of the steps (3,) that moves one knot nearer.
 
     A step comes nearer and is shared by the knots before and behind it; a step at the car becomes part of the rate.
     """
     moved = np.minimum(np.maximum(distance_m / KNOT_GAPS_M, 0), 1)
-    rate_decay, step_decay = exp(-distance_m / settings.rate_decay_m), exp(-distance_m / settings.rate_step_decay_m)
+    # metres: transition curves end, and a predicted step is uncertain in size and position before it is measured
+    rate_decay, step_decay = exp(-distance_m / 150.0), exp(-distance_m / 15.0)
     return np.concatenate([[rate_decay], (1 - moved) * step_decay]), moved * rate_decay
 
 
@@ -258,15 +260,10 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
     per_m[CURVATURE], per_m[RATE] = n.curvature_per_m_per_m, grown(n.rate_per_m2_per_m, curvature**2)
     per_m[RATE_STEPS] = min(grown(n.rate_step_per_m2_per_m, excess), n.max_rate_step_per_m2_per_m)
     variance = per_s**2 * elapsed_s + per_m**2 * distance_m
-    vertical = grown(n.vertical_per_m, excess) + n.vertical_share * max_vertical_curvature(state.lane)
+    vertical = grown(n.vertical_per_m, excess) + max_vertical_curvature(state.lane)
     forgotten = 1 - exp(-2 * distance_m / n.vertical_decay_m)
     variance[VERTICAL_CURVATURE] = min(vertical, n.max_vertical_per_m) ** 2 * forgotten
     return variance
-
-
-def with_given_speed(state: State, speed_mps: float, settings: FilterSettings = FILTER) -> State:
-    """The state with a speed from elsewhere (clock, speedometer), whose error has nothing to do with the rest."""
-    return _with_independent(state, speed_mps, {SPEED: settings.given_speed_std_mps})
 
 
 def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
@@ -276,7 +273,7 @@ def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
     if not stands or max_curvature(state.lane) >= curvature_per_m:
         return state
     usual, usual_std = settings.usual_speed_mps
-    return _with_independent(state, usual, {SPEED: usual_std, CAMERA_YAW: settings.wrong_yaw_std_rad})
+    return _with_independent(state, usual, {SPEED: usual_std, CAMERA_YAW: 0.05})  # 3 degrees
 
 
 def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) -> State:
@@ -312,8 +309,7 @@ def update(predicted: State, lane: np.ndarray, covariance: np.ndarray, settings:
     root = np.linalg.cholesky(predicted.covariance)
     gain = np.linalg.solve(root[LANE, LANE].T, root[CAR, LANE].T).T
     mean = np.concatenate([lane, predicted.mean[CAR] + gain @ (lane - predicted.lane)])
-    fastest = max_speed_mps(lane[CURVATURE], settings.lateral_mps2[1], settings.max_speed_mps)
-    mean[SPEED] = min(max(mean[SPEED], 0.0), fastest)
+    mean[SPEED] = min(max(mean[SPEED], 0.0), max_speed_mps(lane[CURVATURE], settings.lateral_mps2[1]))
     # sums of squares, because differences of nearly equal matrices may lose positive definiteness
     regression = np.vstack([np.eye(PARAMETERS), gain])
     updated = regression @ ((covariance + covariance.T) / 2) @ regression.T
@@ -331,7 +327,6 @@ def to_adjacent_lane(state: State, side: float, prior: RoadPrior) -> State:
     return State(jacobian @ state.mean, covariance)
 
 
-def max_speed_mps(curvature_per_m: float, lateral_mps2: float, most_mps: float) -> float:
-    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `most_mps`."""
-    min_curvature = lateral_mps2 / most_mps**2
-    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), min_curvature)))
+def max_speed_mps(curvature_per_m: float, lateral_mps2: float) -> float:
+    """Speed at which a bend causes this lateral acceleration, v^2 k; at most `MAX_SPEED_MPS`."""
+    return float(np.sqrt(lateral_mps2 / max(abs(curvature_per_m), lateral_mps2 / MAX_SPEED_MPS**2)))

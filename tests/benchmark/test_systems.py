@@ -16,8 +16,8 @@ from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_e
 from helpers import RoadLine
 from lanes.camera import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
+from lanes.detect.search import find_lane
 from lanes.files import read_telemetry
-from lanes.stills import find_lane
 from simulator.road.truth import truth_row
 from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import BENDS, SMALL, lane_lines

@@ -10,8 +10,8 @@ import pytest
 from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor
 from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, LineEvidence
 from lanes.detect.road import SIDES
+from lanes.detect.search import find_lane
 from lanes.images import read_image
-from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import line_lateral

@@ -10,7 +10,7 @@ import pytest
 from lanes.detect.confidence import WEIGHTS
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CURVATURE
-from lanes.stills import find_lane
+from lanes.detect.search import find_lane
 from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
 from tests.support.shapes import a_lane

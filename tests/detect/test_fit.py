@@ -7,9 +7,8 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import fit_lanes, fit_starts
-from lanes.detect.paint import Stripes
-from lanes.detect.residuals import flatten, intersect_ground, stripe_residuals
+from lanes.detect.evidence import Stripes
+from lanes.detect.fit import fit_lanes, fit_starts, flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
     CENTRE,
     FAR_LINE,
@@ -22,7 +21,7 @@ from lanes.detect.road import (
     line_y,
     lines_on_view,
 )
-from lanes.detect.votes import vote_lanes
+from lanes.detect.search import vote_lanes
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
 

@@ -15,8 +15,8 @@ from tests.support.shapes import a_lane
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
 STD = a_lane(centre=0.02, width=0.03, heading=2e-3, curvature=2e-4, rate=1e-5, pitch=5e-3, rate_steps=1e-5)
 SEEN = (
-    LineEvidence(0.6, True, 25.0, votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0)),
-    LineEvidence(0.3, True, 30.0, votes=TypeVotes(3.0, seen_m=24.0, painted_m=6.0, bare_m=18.0)),
+    LineEvidence(0.6, True, 25.0, votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0, bare_m=0.0)),
+    LineEvidence(0.3, True, 30.0, votes=TypeVotes(3.0, 0.0, 0.0, seen_m=24.0, painted_m=6.0, bare_m=18.0)),
 )
 BENT = a_lane(centre=0.4, width=3.4, heading=-0.3, curvature=1 / 80, rate=-2e-4)
 

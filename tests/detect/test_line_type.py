@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.line_type import MarkingProfile, TypeVotes, marking_profile
-from lanes.detect.paint import find_stripes, marking_response
+from lanes.detect.evidence import find_stripes, marking_response
+from lanes.detect.line_type import NO_VOTES, MarkingProfile, marking_profile
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
 CAMERA, SMALL = dashcam(1280), dashcam(640)
@@ -50,7 +50,7 @@ def paint_at(road, y, side=1):
 
 
 def kind_of(*profiles):
-    votes = TypeVotes()
+    votes = NO_VOTES
     for profile in profiles:
         votes = votes.add(profile)
     return votes.kind
@@ -65,7 +65,7 @@ def kind_of(*profiles):
 def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_road(paint, colour, beside, light):
     """Light of sodium lamps has little blue for yellow paint to lack."""
     profile = paint_in(drawn(beside, colour=paint), light=light)
-    assert TypeVotes().add(profile).colour in ((colour, None) if light == "sodium lamps" else (colour,))
+    assert NO_VOTES.add(profile).colour in ((colour, None) if light == "sodium lamps" else (colour,))
 
 
 @pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
@@ -97,7 +97,7 @@ def test_wear_shadows_and_cars_are_no_gaps():
 @pytest.mark.parametrize("dash_m", [(6.0, 18.0), (10.0, 30.0)], ids=["Germany", "longer than the view"])
 def test_dashes_show_while_driving(dash_m):
     """An image every 10 m: from the fourth one on the line is dashed, and stays so."""
-    votes, kinds = TypeVotes(), []
+    votes, kinds = NO_VOTES, []
     for driven_m in np.arange(0.0, 120.0, 10.0):
         paint = paint_at(Road(SMALL).lines(1.7, dash_m=dash_m, phase_m=5.0 - driven_m), 1.7)
         votes = votes.add(paint) if paint else votes
@@ -106,9 +106,9 @@ def test_dashes_show_while_driving(dash_m):
 
 
 def test_what_lies_farther_back_counts_less():
-    yellow = MarkingProfile(0.35, 0.0, yellowness=0.9, seen_m=15.0, painted_m=4.0, bare_m=10.0)
+    yellow = MarkingProfile(0.35, 0.0, gap=1.0, yellowness=0.9, seen_m=15.0, painted_m=4.0, bare_m=10.0)
     white = replace(yellow, width_m=0.12, yellowness=0.0, painted_m=15.0, bare_m=0.0)
-    votes = TypeVotes()
+    votes = NO_VOTES
     assert (votes.colour, votes.kind, votes.double) == (None, None, None)
     for _ in range(20):
         votes = votes.add(yellow)

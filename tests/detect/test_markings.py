@@ -12,12 +12,12 @@ import pytest
 import lanes
 from lanes.detect.confidence import SURE_CONFIDENCE
 from lanes.detect.markings import load_markings
+from lanes.detect.search import detect_still
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
 from lanes.images import write_image
 from lanes.many import fingerprint
-from lanes.stills import detect_still
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive

@@ -12,8 +12,7 @@ import pytest
 
 import lanes
 from lanes.camera import save_camera
-from lanes.detect.markings import find_mask, load_markings
-from lanes.detect.network import run_network
+from lanes.detect.markings import find_mask, load_markings, run_network
 from lanes.errors import LaneError
 from lanes.images import write_image
 from tests.support.command_line import main
@@ -77,7 +76,7 @@ def test_the_digest_is_compared_where_the_network_is_loaded(tmp_path, changed):
     other = write_model(tmp_path / "other.onnx", {"lines": threshold(1, 0, 0)}, None, weights_in="other.onnx.data")
     shutil.copy(other if changed == "m.onnx" else tmp_path / "other.onnx.data", tmp_path / changed)
     inputs = np.zeros((1, 3, 360, 640), np.float32)
-    lanes.detect.network.read_network.cache_clear()
+    lanes.detect.markings.read_network.cache_clear()
     with pytest.raises(LaneError, match=r"m\.onnx: changed during the run"):
         run_network(model.file, inputs, digest=model.digest)
 
@@ -127,7 +126,7 @@ def test_a_network_that_does_not_fit_is_refused_at_loading(tmp_path, detect, how
 @pytest.mark.parametrize("shape", [(640, 360), (64, 36)])
 def test_a_mask_that_is_turned_is_refused(shape):
     image = np.zeros((720, 1280, 3), np.uint8)
-    assert find_mask(image, lambda _: np.zeros(shape[::-1])).probability.shape == shape[::-1]
+    assert find_mask(image, lambda _: np.zeros(shape[::-1])).shape == shape[::-1]
     assert find_mask(image, lambda _: np.zeros((512, 512))) is not None  # of a stretched image
     with pytest.raises(LaneError, match=r"returned a mask \(rows, columns\) .* of an image \(720, 1280\); turn it"):
         find_mask(image, lambda _: np.zeros(shape))

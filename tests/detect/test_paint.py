@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import find_evidence
-from lanes.detect.paint import Stripes, marking_response
+from lanes.detect.evidence import Stripes, find_evidence, marking_response
 from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()

@@ -7,8 +7,7 @@ import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import find_evidence
-from lanes.detect.search import search_lane
-from lanes.stills import find_lane
+from lanes.detect.search import find_lane, search_lane
 from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()

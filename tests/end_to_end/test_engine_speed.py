@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from lanes.detect.lane import TRACKING
+from lanes.detect.search import find_lane
 from lanes.draw import draw_lane
 from lanes.images import opencv_threads
-from lanes.stills import find_lane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

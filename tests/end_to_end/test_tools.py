@@ -12,7 +12,7 @@ import pytest
 from benchmark.errors import LaneTruth
 from benchmark.evaluation import drive_from_video, prepare_drive
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.network import finer_view
+from lanes.detect.markings import finer_view
 from lanes.tracking.tracker import TrackerSettings
 from simulator.road.truth import truth_row
 from tests.support.painted_drive import BENDS

@@ -11,13 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FIT
+from lanes.detect.fit import FIT, ROAD_M
 from lanes.detect.lane import FOUND, Lane, LineEvidence, telemetry_row
-from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import WIDTH
+from lanes.detect.search import detect_still, detect_with_own_pose, find_lane
 from lanes.errors import CameraError
 from lanes.labels import as_detection
-from lanes.stills import detect_still, detect_with_own_pose, find_lane
 from lanes.tracking.tracker import LaneTracker
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples

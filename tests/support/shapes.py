@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lanes.detect.paint import PAINT, Stripes, strength_weight
+from lanes.detect.evidence import PAINT, Stripes, strength_weight
 from lanes.detect.road import parameter_vector
 
 # Growth from row to row and width of the columns of the usual view; focal length of the camera.
@@ -31,6 +31,6 @@ def stripes_at(
     """Stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
     step = x_m * growth / (1 + growth) / cell_m
     weight = strength_weight(np.broadcast_to(strength, len(x_m)) + 0.0)
-    std_m = np.hypot(PAINT.position_std_m, PAINT.position_std_px * x_m / FOCAL_PX)
+    std_m = np.hypot(PAINT.position_std_m, x_m / FOCAL_PX)
     edge = np.zeros(len(x_m), bool)
     return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(x_m), PAINT.angle_std_rad), edge, ~edge)

@@ -21,7 +21,7 @@ def lane_at(centre_m: float, heading_rad: float = 0.0, curvature_per_m: float = 
 
 
 def car(speed_mps: float, **motion: float) -> CarMotion:
-    certain = dict(path_per_m=0.0, course_rad=0.0, turning_std_per_m=0.0, course_std_rad=0.0)
+    certain = dict(path_per_m=0.0, course_rad=0.0, turning_std_per_m=0.0, course_std_rad=0.0, speed_std_mps=0.0)
     return CarMotion(speed_mps, **{**certain, **motion})
 
 
