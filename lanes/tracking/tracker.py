@@ -246,13 +246,14 @@ class LaneTracker:
         if self.find_pose is None or likely or not due:
             return
         still = self.find_pose(image)
-        # the confidence that the track would have: from now on the pose counts as known
-        lane = replace(still.lane, same_lane_share=None) if still and still.lane else None
-        if still and lane and lane.confidence > max(confidence, LIKELY_CONFIDENCE):
-            self._use(still.camera)
-            self._confidence_shift = 0.0
-            self.evidence, self.search = still.evidence, still.search
-            self._start(lane)
+        if still and still.lane:
+            # for the track the pose is known, so that an odd width counts in full
+            as_tracked = replace(still.lane, same_lane_share=None)
+            if min(still.confidence, as_tracked.confidence) > max(confidence, LIKELY_CONFIDENCE):
+                self._use(still.camera)
+                self._confidence_shift = 0.0
+                self.evidence, self.search = still.evidence, still.search
+                self._start(still.lane)
         self._since_pose_s = 0.0
 
     @property
