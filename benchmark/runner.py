@@ -19,6 +19,7 @@ from benchmark.scores import Result
 from benchmark.speed import describe_machine
 from benchmark.systems import require_system, source_files
 from lanes import images as frames
+from lanes import video
 from lanes.camera import camera_to_dict
 from lanes.detect.markings import Markings
 from lanes.files import hash_sources
@@ -88,7 +89,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Digits that depend on everything that the estimates depend on."""
-    modules = (estimates, evaluation, systems, frames, reader)
+    modules = (estimates, evaluation, systems, frames, video, reader)
     sources = (Path(inspect.getfile(module)) for module in modules)
     files = hash_sources(prepared.drive.require_video(), *sources, *source_files(system))
     conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings

@@ -86,6 +86,14 @@ def sigint_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+@contextmanager
+def plain_warnings() -> Iterator[None]:
+    """Print warnings as errors are printed: one line, without the place in the code."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
+        yield
+
+
 def error_status(error: Exception) -> int:
     """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
@@ -109,8 +117,7 @@ def run_command(command: Any, program: str, arguments: list[str]) -> int:
     command.add_arguments(parser)
     options = parser.parse_args(arguments)
     try:
-        with warnings.catch_warnings():
-            warnings.showwarning = lambda message, *_: print(f"warning: {message}", file=sys.stderr)
+        with plain_warnings():
             return command.run(options)
     except (OSError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)

@@ -22,7 +22,7 @@ import av
 
 import lanes
 from lanes.camera import camera_to_dict
-from lanes.console import sigint_blocked
+from lanes.console import plain_warnings, sigint_blocked
 from lanes.drive import DriveSettings, annotate_drive, output_path, versions
 from lanes.errors import VideoError
 from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
@@ -191,7 +191,8 @@ def run_job(job: DriveJob) -> FinishedDrive | Exception:
         return ValueError(f"the worker on {worker} has {other}, so that its results would differ; {remedy}.")
     failed: Exception | None = None
     try:
-        result = annotate_drive(job.video, job.settings)
+        with plain_warnings():
+            result = annotate_drive(job.video, job.settings)
     except FileNotFoundError as error:
         where = f"worker on {worker} in {os.getcwd()}; all workers must see the drives by the same path"
         failed = FileNotFoundError(f"{error} ({where})")

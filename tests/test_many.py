@@ -10,6 +10,7 @@ import shutil
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, suppress
 from dataclasses import replace
@@ -266,6 +267,17 @@ def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path,
             annotate_many(videos, settings_for(output))
         assert {path.name for path in output.iterdir()} == {"drive0.partial.mp4", "drive0.partial.mp4.lock"}
         assert (output / "drive0.partial.mp4").read_bytes() == b"written so far"
+
+
+def test_a_warning_of_a_worker_is_one_line_with_its_drive(drives, tmp_path, monkeypatch, capsys):
+    video = videos_in(drives)[0]
+    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
+    monkeypatch.setattr(
+        many, "annotate_drive", lambda video, settings: warnings.warn(f"{video.name}: odd", stacklevel=1)
+    )
+    with suppress(AttributeError):  # nothing was annotated
+        many.run_job(job)
+    assert capsys.readouterr().err == "warning: drive0.mp4: odd\n"
 
 
 @pytest.mark.parametrize("kind", [av.error.OSError, av.error.PermissionError, av.error.InvalidDataError])

@@ -83,19 +83,21 @@ MECHANISMS = (
     Mechanism(
         "vertical profile",
         "four vertical curvatures: crests and dips",
-        {f"{PRIOR}.vertical_per_m": STAYS_0, f"{PRIOR}.vertical_bend_share": 0.0}
-        | {"filter.vertical_per_m": (NONE, 0.0), "detector.fit.undulation_gain": NEVER},
+        {f"{PRIOR}.vertical_per_m": STAYS_0, f"{PRIOR}.vertical_bend_share": 0.0, f"{PRIOR}.vertical_share": 0.0}
+        | {"filter.vertical_per_m": (NONE, 0.0), "filter.vertical_share": 0.0}
+        | {"detector.fit.undulation_gain": NEVER},
     ),
     Mechanism(
         "shares of the prior",
         "deviations of the prior grow with the curvature",
         {f"{PRIOR}.transition_m": NEVER}
-        | {f"{PRIOR}.{name}": 0.0 for name in ("curvature_share", "rate_step_share", "vertical_bend_share")},
+        | {f"{PRIOR}.{name}": 0.0 for name in ("curvature_share", "rate_step_share")}
+        | {f"{PRIOR}.{name}": 0.0 for name in ("vertical_bend_share", "vertical_share")},
     ),
     Mechanism(
         "shares of the noise",
         "process noise grows with the curvature",
-        {f"filter.{name}": (getattr(FILTER, name)[0], 0.0) for name in GROWING},
+        {f"filter.{name}": (getattr(FILTER, name)[0], 0.0) for name in GROWING} | {"filter.vertical_share": 0.0},
     ),
     Mechanism("lever", "the rear axle moves along the car, not the camera", {"filter.lever_m": 0.0}),
     Mechanism("static pattern", "stripes that never move are left out", {"static_period_s": NEVER}),

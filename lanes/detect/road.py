@@ -332,8 +332,9 @@ class RoadPrior:
     # Growth of the rate steps' standard deviation with the rate that they begin or end.
     rate_step_share: float = 1.5
     # Roads that bend more than motorways also undulate: growth of the vertical curvature's standard deviation with the
-    # excess. It also grows with the largest vertical curvature of the lane, by as much.
+    # excess, and with the largest vertical curvature of the lane.
     vertical_bend_share: float = 0.03
+    vertical_share: float = 1.0
 
     def __post_init__(self) -> None:
         """Means, standard deviations for a straight and level road, and largest absolute values, (15,) each."""
@@ -356,7 +357,7 @@ class RoadPrior:
         std[:, RATE] += expected_rate
         std[:, RATE_STEPS] += (self.rate_step_share * (expected_rate + rate))[:, None]
         vertical = self.vertical_bend_share * np.maximum(curvature - MOTORWAY_CURVATURE_PER_M, 0)
-        vertical += np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
+        vertical += self.vertical_share * np.abs(lanes[:, VERTICAL_CURVATURE]).max(axis=1)
         std[:, VERTICAL_CURVATURE] += extra_vertical_per_m + vertical[:, None]
         return std
 

@@ -106,9 +106,10 @@ class FilterSettings:
     # Rate steps: small on motorways, up to those of a hairpin (the maximum) where the road bends more.
     rate_step_per_m2_per_m: BaseShare = (5e-5, 0.2)
     max_rate_step_per_m2_per_m: float = 4e-3
-    # Vertical curvature that comes into view, and what lies between the knots: the largest vertical curvature of the
-    # lane is added; the maximum is a radius of 170 m, at which cars leave the ground.
+    # Vertical curvature that comes into view, and what lies between the knots: it also grows with the largest vertical
+    # curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
     vertical_per_m: BaseShare = (3e-4, 0.03)
+    vertical_share: float = 1.0
     max_vertical_per_m: float = 6e-3
 
 
@@ -260,7 +261,7 @@ def process_noise(state: State, elapsed_s: float, settings: FilterSettings = FIL
     per_m[CURVATURE], per_m[RATE] = n.curvature_per_m_per_m, grown(n.rate_per_m2_per_m, curvature**2)
     per_m[RATE_STEPS] = min(grown(n.rate_step_per_m2_per_m, excess), n.max_rate_step_per_m2_per_m)
     variance = per_s**2 * elapsed_s + per_m**2 * distance_m
-    vertical = grown(n.vertical_per_m, excess) + max_vertical_curvature(state.lane)
+    vertical = grown(n.vertical_per_m, excess) + n.vertical_share * max_vertical_curvature(state.lane)
     forgotten = 1 - exp(-2 * distance_m / n.vertical_decay_m)
     variance[VERTICAL_CURVATURE] = min(vertical, n.max_vertical_per_m) ** 2 * forgotten
     return variance
