@@ -44,8 +44,6 @@ _UPRIGHT_AXES = {
 }
 # Four times an 8K video's. A header can claim 4,000 million. Pillow refuses images of more than 179 million.
 MAX_PIXELS = 128_000_000
-# Size of an incompressible PNG with MAX_PIXELS.
-_MAX_IMAGE_BYTES = 3 * MAX_PIXELS
 
 
 def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
@@ -94,7 +92,8 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
     # Imported here: commands that read videos only start sooner.
     from PIL import Image
 
-    path = require_file(path, "image", error=PictureError, max_bytes=_MAX_IMAGE_BYTES)
+    # an incompressible PNG of MAX_PIXELS is as large
+    path = require_file(path, "image", error=PictureError, max_bytes=3 * MAX_PIXELS)
     try:
         # warnings about entries of no importance here, such as EXIF
         with warnings.catch_warnings(action="ignore"), Image.open(path, formats=_READ_FORMATS) as opened:
