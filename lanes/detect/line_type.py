@@ -33,12 +33,12 @@ OFFSETS_M = np.arange(REACH_M, -REACH_M - STEP_M / 2, -STEP_M)
 # fewest rows with stripes.
 PROFILE_FAR_M, MIN_ROWS = 22.0, 4
 # Strength of painted and of bare rows relative to the median of the line's stripes; in blur, wear and shadows it is in
-# between. Rows count up to the farthest stripe: beyond it, the line may be hidden or bend away.
+# between. Rows count from the nearest to the farthest stripe: the bonnet or a car may hide the others.
 PAINTED_FROM, BARE_BELOW = 0.5, 0.25
-# Road that must be seen before a kind is stated; painted share of solid lines, and bare share of dashed ones, at least:
-# gaps are one to three times as long as dashes, seldom a third (edge lines in France). Chosen, as the numbers above and
-# below, on half A of the labelled real roads.
-MIN_ROAD_M, SOLID_FROM, DASHED_FROM = 8.0, 0.8, 0.15
+# Length and painted share of solid lines at least: few dashes are longer. Length and bare share of dashed lines
+# at least: gaps are one to three times as long as dashes, seldom a third (edge lines in France). Chosen, as the numbers
+# above and below, on half A of the labelled real roads.
+MIN_SOLID_M, SOLID_FROM, MIN_DASHED_M, DASHED_FROM = 8.0, 0.8, 5.0, 0.15
 # Mean yellowness of white lines at most, and of yellow lines at least.
 WHITE_TO, YELLOW_FROM = 0.25, 0.55
 # Share of its weight that an observation keeps with each further one, about 10 m later.
@@ -81,7 +81,7 @@ def marking_profile(
     `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row, NaN where it does not pass,
     `stripe_rows` (stripes,) the rows of its stripes. `side` is +1 for a line to the left of the lane, else -1.
     """
-    rows, column = _straight_cells(view, line_y_m, stripe_rows.min(initial=len(line_y_m)))
+    rows, column = _straight_cells(view, line_y_m, stripe_rows)
     painted = np.isin(rows, stripe_rows)
     if np.count_nonzero(painted) < MIN_ROWS:
         return None
@@ -147,11 +147,11 @@ def _yellowness(light: np.ndarray, yellow: np.ndarray, on_band: np.ndarray, side
     return float(lacking / (abs(height - white_height) + abs(blue) + PAINT.noise_floor))
 
 
-def _straight_cells(view: BirdsEyeView, line_y_m: np.ndarray, first_row: int) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (N,) of the view, from `first_row` on, in which a line is seen, and columns (N, offsets) at `OFFSETS_M`."""
+def _straight_cells(view: BirdsEyeView, line_y_m: np.ndarray, stripe_rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (N,) of the view, between the stripes, in which a line is seen, and columns (N, offsets) at `OFFSETS_M`."""
     most, least = view.y_m[0] - REACH_M, view.y_m[-1] + REACH_M
     rows = np.flatnonzero((line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE_FAR_M))
-    rows = rows[rows >= first_row]
+    rows = rows[(rows >= stripe_rows.min(initial=len(line_y_m))) & (rows <= stripe_rows.max(initial=0))]
     if len(rows) < MIN_ROWS:
         return rows[:0], np.empty((0, len(OFFSETS_M)), np.float32)
     # rows cut a slanted line at an angle: distances at right angles to it are longer along the row
@@ -183,11 +183,9 @@ class TypeVotes(NamedTuple):
     @property
     def kind(self) -> str | None:
         """ "solid" or "dashed"; None if not seen well enough."""
-        if self.seen_m < MIN_ROAD_M:
-            return None
         if self.painted_m >= SOLID_FROM * self.seen_m:
-            return "solid"
-        return "dashed" if self.bare_m >= DASHED_FROM * self.seen_m else None
+            return "solid" if self.seen_m >= MIN_SOLID_M else None
+        return "dashed" if self.bare_m >= DASHED_FROM * self.seen_m and self.seen_m >= MIN_DASHED_M else None
 
     @property
     def double(self) -> bool | None:

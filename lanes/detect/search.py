@@ -25,7 +25,7 @@ import numpy as np
 
 from lanes.camera import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import Evidence, PaintSettings, Stripes, find_evidence
+from lanes.detect.evidence import PAINT, Evidence, PaintSettings, Stripes, find_evidence
 from lanes.detect.fit import (
     MIN_SCALE,
     Fit,
@@ -37,7 +37,7 @@ from lanes.detect.fit import (
     stripe_residuals,
 )
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
-from lanes.detect.line_type import MIN_ROAD_M, MarkingProfile, marking_profile
+from lanes.detect.line_type import MarkingProfile, marking_profile
 from lanes.detect.markings import Markings
 from lanes.detect.road import (
     CENTRE,
@@ -342,8 +342,18 @@ def _observe_line(
     # by weight, because there are edges beside painted lines, too, and between dashes
     weight = fit.weight[line[0]] * members
     edge = bool(weight @ fit.stripes.edge > weight @ ~fit.stripes.edge)
-    edge = edge and (seen is None or seen.painted_m < MIN_ROAD_M)
+    if edge and evidence is not None:
+        # kerbs and the ends of pavements had at most 0.2, faint lines that the network took for edges 0.4 to 1
+        edge = _painted_share(evidence, fit.lines_y_m[line], fit.stripes.row[members]) < 0.3
     return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes, start_m)
+
+
+def _painted_share(evidence: Evidence, line_y_m: np.ndarray, stripe_rows: np.ndarray) -> float:
+    """Share of the rows between the stripes of a line in which the band filter sees paint within 0.15 m of it."""
+    view, strength = evidence.view, evidence.response.band_strength
+    rows = np.arange(stripe_rows.min(), stripe_rows.max() + 1)
+    beside = np.abs(view.y_m - line_y_m[rows, None]) < 0.15
+    return float(((strength[rows] > PAINT.min_strength) & beside).any(axis=1).mean())
 
 
 def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
