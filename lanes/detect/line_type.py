@@ -37,7 +37,7 @@ PROFILE_FAR_M, MIN_ROWS = 22.0, 4
 PAINTED_FROM, BARE_BELOW = 0.5, 0.25
 # Length and painted share of solid lines at least: few dashes are longer. Length and bare share of dashed lines
 # at least: gaps are one to three times as long as dashes, seldom a third (edge lines in France). Chosen, as the numbers
-# above and below, on half A of the labelled real roads.
+# above and below, on half A of the labelled real roads; two short dashes and their gap take 5 m.
 MIN_SOLID_M, SOLID_FROM, MIN_DASHED_M, DASHED_FROM = 8.0, 0.8, 5.0, 0.15
 # Mean yellowness of white lines at most, and of yellow lines at least.
 WHITE_TO, YELLOW_FROM = 0.25, 0.55
