@@ -96,6 +96,15 @@ class TestDrive:
         estimate = estimate_pose(swaying, CAMERA)
         assert_near(estimate, TRUE_POSE, pitch_deg=0.2, yaw_deg=0.5, roll_deg=0.4, height_m=0.05)
 
+    def test_lane_width_and_height_scale_each_other(self):
+        straight = drive(CAMERA, (0.0,) * 2)
+        wide = estimate_pose(straight, CAMERA, lane_width_m=3.66 * 1.1)
+        assert wide.pose.height_m == pytest.approx(1.35 * 1.1, abs=0.06)
+        given = estimate_pose(straight, CAMERA, height_m=1.5)
+        assert given.pose.height_m == 1.5
+        assert given.height_std_m == 0
+        assert given.lane_width_m == pytest.approx(3.66 * 1.5 / 1.35, abs=0.12)
+
     def test_a_height_that_two_images_do_not_decide_is_doubtful_and_so_are_its_lanes(self):
         camera = CAMERA.with_pose(CameraPose(2.85, np.radians(4.0)))
         images = drive(camera, (0.0,) * 2)

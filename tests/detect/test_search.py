@@ -108,3 +108,11 @@ def test_support_is_the_share_of_the_visible_rows_that_are_painted():
     camera = dashcam(1280, yaw_rad=0.25)
     lane = find_lane(Road(camera, noise=1.0).lines(1.8, -1.8).image(), camera)
     assert 0.9 < lane.left.support < 1.03 and 0.9 < lane.right.support < 1.03
+
+
+def test_a_kerb_of_grass_is_a_road_edge_and_a_faint_line_is_not():
+    """The network takes the faint line for an edge, but the band filter sees paint in most of its rows."""
+    grass = Road(CAMERA).lines(1.8).paint(lambda x, y: y < -1.7, (96, 120, 60))
+    faint = Road(CAMERA, noise=5.0).lines(1.8).line(lambda x: -1.7 + 0 * x, colour=tuple(np.add(ASPHALT, 10)))
+    kinds = [[line.kind for line in find_lane(road.image(), CAMERA).lines] for road in (grass, faint)]
+    assert kinds == [["solid", "road edge"], ["solid", None]]

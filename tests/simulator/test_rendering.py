@@ -7,15 +7,26 @@ import multiprocessing
 import numpy as np
 import pytest
 
+from benchmark.evaluation import PROJECT_ROOT
 from lanes.camera import load_camera
 from lanes.files import read_telemetry
+from lanes.images import read_image
 from lanes.video.reader import read_video
 from simulator.light.lens import AutoExposure
 from simulator.light.sunlight import BridgeShade
 from simulator.rendering.drive import Motion
 from simulator.rendering.render import VIDEO_FPS, render_frame, write_video
 from simulator.road.truth import truth_row
+from simulator.scenes.stills import still_scenes
 from tests.simulator.small_drive import POSE, TINY, small_drive
+
+
+def test_committed_still_is_rendered_again():
+    road = np.s_[470:660, 250:1050]
+    committed = read_image(PROJECT_ROOT / "test_images" / "test2.jpg")[road].astype(int)
+    again = render_frame(still_scenes()["test2"]).image[road].astype(int)
+    # JPEG at quality 92 changes texture by a few levels, another scene by dozens.
+    assert np.abs(committed - again).mean() < 2.5 and np.ptp(again) > 100
 
 
 def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
