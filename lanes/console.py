@@ -15,6 +15,8 @@ from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any
 
+from tqdm import tqdm
+
 from lanes.errors import PoseError
 
 
@@ -62,14 +64,26 @@ def seconds(text: str) -> float:
     return value
 
 
+def progress_bar(name: str | None, unit: str, total: int, *, shown: bool = True) -> tqdm:
+    """A bar on stderr with rate and remaining time, if that is a terminal or a notebook."""
+    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
+    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
+    return tqdm(desc=name, unit=unit, total=total, disable=not (shown and interactive))
+
+
 def progress_line(name: str) -> Callable[[int, int], None]:
-    """A callback (done, total) that updates one line on stderr; in a log file only the last state is printed."""
+    """A callback (done, total) that updates a `progress_bar`; in a log file only the last state is printed."""
+    bar: tqdm | None = None
 
     def report(done: int, total: int) -> None:
-        if sys.stderr.isatty():
-            print(f"\r{name}: {done} of {total}", end="\n" if done == total else "", file=sys.stderr, flush=True)
-        elif done == total:
+        nonlocal bar
+        if bar is None or done < bar.n:  # begins, or begins again
+            bar = progress_bar(name, "step", total)
+        bar.update(done - bar.n)
+        if done == total and bar.disable:
             print(f"{name}: {done} of {total}", file=sys.stderr, flush=True)
+        elif done == total:
+            bar.close()
 
     return report
 

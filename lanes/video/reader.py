@@ -7,7 +7,6 @@ ones are skipped, and the others keep their times.
 from __future__ import annotations
 
 import math
-import sys
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,8 +23,8 @@ import numpy as np
 from av.container import InputContainer
 from av.sidedata.sidedata import Type as SideDataType
 from av.video.reformatter import VideoReformatter
-from tqdm import tqdm
 
+from lanes.console import progress_bar
 from lanes.errors import ByValue, VideoError, require_number
 from lanes.files import require_file
 from lanes.images import MAX_PIXELS, is_transposed, make_upright, upright_axes
@@ -374,13 +373,11 @@ def read_frames(
     With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
     """
     expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
-    # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
-    interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
     items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
     with (
         closing(items),
         ThreadPoolExecutor(1) as thread,
-        tqdm(total=max(expected, 0), unit="frame", disable=not (progress and interactive)) as bar,
+        progress_bar(None, "frame", max(expected, 0), shown=progress) as bar,
     ):
         waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
         while (frame := waiting.popleft().result()) is not None:
