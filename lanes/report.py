@@ -68,6 +68,7 @@ def write_report(
     embedded = video.stat().st_size <= max_embedded_bytes
     parts = {
         "title": escape(title),
+        "kind": "lane report",
         "summary": escape(_summary(telemetry)),
         "warnings": "".join(f"<li>{escape(warning)}</li>" for warning in warnings),
         "video_name": escape(video.name),
@@ -84,14 +85,16 @@ def write_report(
 
 
 def fill_page(path: str | Path, name: str, parts: Mapping[str, str], data: object) -> Path:
-    """Write a page from the template `name`.html, whose script `name`.js reads the data; returns the `path`."""
+    """Write a page with the body `name`.html, whose script `name`.js reads the data; returns the `path`."""
     script = _asset(f"{name}.js")
     script_hash = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
     # With "<" escaped, so that it cannot end the <script> element around it.
     text = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    parts = {"style": _asset("report.css"), "script": script, "script_hash": script_hash, "data": text, **parts}
+    style = _asset("page.css") + _asset(f"{name}.css")
+    parts = {"style": style, "script": script, "script_hash": script_hash, "data": text, **parts}
+    template = _asset("page.html").replace("{{body}}", _asset(f"{name}.html"))
     # In one pass, so that a {{name}} inside a part stays as it is.
-    page = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], _asset(f"{name}.html"))
+    page = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], template)
     # File names may contain bytes that are not valid UTF-8.
     write_atomically(path, page.encode(errors="replace"))
     return Path(path)

@@ -198,7 +198,8 @@ def write_score_page(
         _still(s, find_picture(folder, name)) for name in tables["worst stills"] for s in scores if s.label.name == name
     ]
     data = {"tables": {name: number_cells(rows) for name, rows in tables.items()}, "stills": stills}
-    return fill_page(path, "score", {name: escape(text) for name, text in words.items()}, data)
+    parts = {name: escape(text) for name, text in words.items()} | {"kind": "score"}
+    return fill_page(path, "score", parts, data)
 
 
 def _still(score: StillScore, picture: Path) -> dict:

@@ -1,6 +1,6 @@
 "use strict";
 
-const frames = JSON.parse(document.getElementById("frames").textContent);
+const frames = JSON.parse(document.getElementById("data").textContent);
 const video = document.getElementById("video");
 const track = document.getElementById("track");
 const cursor = document.getElementById("cursor");

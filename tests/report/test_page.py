@@ -80,7 +80,7 @@ def report(folder: Path, telemetry: dict[str, np.ndarray], **options: object) ->
 def test_the_data_of_the_page_are_those_of_the_table(tmp_path):
     """Its times count from the first frame, those of the command on the clock of the video."""
     page = report(tmp_path, story(), command="explain --at ", warnings=["tilted"])
-    data = json.loads(re.search(r'<script type="application/json" id="frames">(.*)</script>', page)[1])
+    data = json.loads(re.search(r'<script type="application/json" id="data">(.*)</script>', page)[1])
     assert (data["first_s"], data["time_s"][:2], data["command"]) == (100.0, [0.0, 0.05], "explain --at ")
     assert data["frame"][0] == 2000 and data["offset_m"][90] is None and data["offset_m"][31] > 0.29
     assert data["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
