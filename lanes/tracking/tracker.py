@@ -9,7 +9,7 @@ of a bend without delay.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import exp
 from pathlib import Path
@@ -86,6 +86,22 @@ class TrackerSettings:
     static_period_s: float = 0.5
 
 
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A lane that is followed: its estimate, the lane of the last frame, and what decides on its state."""
+
+    estimate: State
+    lane: Lane
+    departure: DepartureWatch
+    # Searches that found the lane, and the last ones in a row that found another, better one.
+    confirmed: int = 1
+    lost_comparisons: int = 0
+    # Frames since the start; those with a seen lane since it coasts; time since the lane was seen.
+    frames: int = 0
+    regained: int = 0
+    unseen_s: float = 0.0
+
+
 class LaneTracker:
     """Tracks the lane through consecutive images of one camera.
 
@@ -153,6 +169,11 @@ class LaneTracker:
         """The camera with the pose that the lane was found with."""
         return self.view.camera
 
+    @property
+    def lane(self) -> Lane | None:
+        """The lane in the last image, as `update` returned it."""
+        return self._track.lane if self._track else None
+
     def _use(self, camera: Camera) -> None:
         """Begin with another pose of the camera."""
         camera.require_pose()
@@ -172,18 +193,14 @@ class LaneTracker:
 
     def _forget_lane(self) -> None:
         """Search from scratch; what never moves in the images of this camera is still known."""
-        self._estimate: State | None = None
+        self._track: Track | None = None
         self.prediction: State | None = None
         self.fit: Fit | None = None
-        self.lane: Lane | None = None
-        self._state = LOST
-        self._confirmed = self._lost_comparisons = self._regained = self._frames = 0
-        self._unseen_s, self._since_search_s = 0.0, self.settings.search_period_s
-        self._departure = DepartureWatch()
+        self._since_search_s = self.settings.search_period_s
 
     def __repr__(self) -> str:
-        camera = self.view.camera
-        return f"LaneTracker({camera.width}x{camera.height} px, {self.fps:g} frames a second, {self._state})"
+        state = self.lane.state if self.lane else LOST
+        return f"LaneTracker({self.camera.width}x{self.camera.height} px, {self.fps:g} frames a second, {state})"
 
     def update(self, image: np.ndarray | str | Path, *, elapsed_s: float | None = None) -> Lane | None:
         """Process the next image.
@@ -214,25 +231,19 @@ class LaneTracker:
             self._forget_lane()
             # NaN and a clock that was set back must not stop the periods: max(0.0, nan) is 0.0
             elapsed_s = max(0.0, elapsed_s)
-        self._frames += 1
         self.search = None
         self._since_search_s += elapsed_s
         search, full = self._is_due()
         view = self._narrowest_view(self.lane, self.view if search else self._views[0])
         evidence = find_evidence(image, view, s.detector.paint, markings=self.markings, quick=not full)
         evidence = replace(evidence, confidence_shift=evidence.confidence_shift + self._confidence_shift)
-        evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
-        self.evidence = evidence
-        if self._estimate is not None and self.lane is not None:
-            predicted = predict(self._estimate, elapsed_s, s.filter, speed_mps=self.speed_mps)
-            fit = measure(evidence.stripes, predicted, view, s.detector.fit)
-            self.prediction, self.fit = predicted, fit
-            estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
-            if self.speed_mps is None:
-                estimate = without_wrong_yaw(estimate, s.filter)
-            self._follow(estimate, fit, evidence, self.lane, elapsed_s)
+        self.evidence, challenger = self._without_static(evidence, elapsed_s, search=search)
+        if self._track:
+            self._track = self._follow(self._track, self.evidence, elapsed_s)
+            if self._track is None:
+                self._forget_lane()
         if search:
-            self._compare(challenger)
+            self._track = self._compare(self._track, challenger)
         self._try_other_pose(image, elapsed_s)
         return self.lane
 
@@ -253,7 +264,7 @@ class LaneTracker:
                 self._use(still.camera)
                 self._confidence_shift = 0.0
                 self.evidence, self.search = still.evidence, still.search
-                self._start(still.lane)
+                self._track = self._start(still.lane)
         self._since_pose_s = 0.0
 
     @property
@@ -263,8 +274,8 @@ class LaneTracker:
 
     def _is_due(self) -> tuple[bool, bool]:
         """Whether to search this frame without memory, and whether with the network, too."""
-        s, lane = self.settings, self.lane
-        seen = lane is not None and self._state == TRACKING and lane.score >= s.min_score and not self._lost_comparisons
+        s, lane, lost = self.settings, self.lane, bool(self._track and self._track.lost_comparisons)
+        seen = lane is not None and lane.state == TRACKING and lane.score >= s.min_score and not lost
         sure = seen and lane is not None and lane.confidence >= SURE_CONFIDENCE
         # half a frame earlier, so that rounding does not skip one
         due = self._since_search_s >= (s.search_period_s if sure else self._slower * s.start_period_s) - 0.5 / self.fps
@@ -272,43 +283,56 @@ class LaneTracker:
             self._since_search_s = 0.0
         return due or (not seen and self._slower == 1.0), due and not sure
 
-    def _follow(self, estimate: State, fit: Fit, evidence: Evidence, last: Lane, elapsed_s: float) -> None:
-        """Take the updated estimate; coast on it if the lane is not seen, or give it up."""
+    def _follow(self, track: Track, evidence: Evidence, elapsed_s: float) -> Track | None:
+        """The track in the next frame: it coasts if the lane is not seen, and is given up (None) after some time."""
         s = self.settings
-        # profiles seldom change: in ten frames that of each line is measured once, in turn
-        profiles_of = {0: (0,), 5: (1,)}.get(self._frames % 10, ())
-        lines: Sequence[LineEvidence] = observe_lines(fit, evidence, last.evidence, profiles_of=profiles_of)
-        seen = sum(line.support for line in lines) >= 2 * s.detector.fit.min_support
-        # what was seen before is nearer by the distance driven
-        moved_m = float(estimate.mean[SPEED]) * elapsed_s
-        if not seen:
-            lines = [
-                replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - moved_m, 0.0))
-                for line in last.evidence
-            ]
+        predicted = predict(track.estimate, elapsed_s, s.filter, speed_mps=self.speed_mps)
+        fit = measure(evidence.stripes, predicted, evidence.view, s.detector.fit)
+        self.prediction, self.fit = predicted, fit
+        estimate = update(predicted, fit.lanes[0], fit.covariance[0], s.filter)
+        if self.speed_mps is None:
+            estimate = without_wrong_yaw(estimate, s.filter)
+        track = replace(track, frames=track.frames + 1)
+        last, moved_m = track.lane, float(estimate.mean[SPEED]) * elapsed_s
+        lines, seen = self._observe(track, fit, evidence, moved_m)
         # the views of most frames do not contain the far lines of the adjacent lanes: searches see them; in between
         # they end where the last search saw them end, and are dropped nearer than 12 m, where they leave the image
         nearer = [far and replace(far, reach_m=far.reach_m - moved_m) for far in last.far_evidence]
         far_left, far_right = (far if far and far.reach_m >= 12.0 else None for far in nearer)
         estimate, lines, far = self._to_ego_lane(estimate, lines, (far_left, far_right))
-        if seen:
-            self._unseen_s = 0.0
-            self._regained += self._state == COASTING
-            if self._regained >= s.confirmations:
-                self._state, self._regained = TRACKING, 0
-        else:
-            self._unseen_s += elapsed_s
+        state, regained, unseen_s = last.state, track.regained + (last.state == COASTING), 0.0
+        if seen and regained >= s.confirmations:
+            state, regained = TRACKING, 0
+        elif not seen:
+            unseen_s = track.unseen_s + elapsed_s
             certain = lateral_std_m(estimate.lane_covariance, 15.0).max() <= s.max_std_m
-            if self._state == SEARCHING or self._unseen_s > s.max_coast_s or not certain:
-                self._forget_lane()
-                return
-            self._state, self._regained = COASTING, 0
-        self._estimate = estimate
-        self.lane = self._describe(estimate, lines, far, clear_share(fit), elapsed_s)
+            if state == SEARCHING or unseen_s > s.max_coast_s or not certain:
+                return None
+            state, regained = COASTING, 0
+        lane = replace(last, state=state, evidence=lines, far_evidence=far, clear_share=clear_share(fit))
+        lane = replace(lane, confidence_shift=evidence.confidence_shift)
+        lane = self._describe(lane, estimate, track.departure, elapsed_s)
+        return replace(track, estimate=estimate, lane=lane, regained=regained, unseen_s=unseen_s)
+
+    def _observe(
+        self, track: Track, fit: Fit, evidence: Evidence, moved_m: float
+    ) -> tuple[tuple[LineEvidence, LineEvidence], bool]:
+        """What is seen of both lines in this frame, and whether the lane is seen.
+
+        If not, they end where they did before, nearer by the distance driven.
+        """
+        last = track.lane.evidence
+        # profiles seldom change: in ten frames that of each line is measured once, in turn
+        profiles_of = {0: (0,), 5: (1,)}.get(track.frames % 10, ())
+        lines = observe_lines(fit, evidence, last, profiles_of=profiles_of)
+        if sum(line.support for line in lines) >= 2 * self.settings.detector.fit.min_support:
+            return lines, True
+        unseen = [replace(line, support=0.0, seen=False, reach_m=max(line.reach_m - moved_m, 0.0)) for line in last]
+        return (unseen[0], unseen[1]), False
 
     def _to_ego_lane(
-        self, estimate: State, lines: Sequence[LineEvidence], far: FarEvidence
-    ) -> tuple[State, Sequence[LineEvidence], FarEvidence]:
+        self, estimate: State, lines: tuple[LineEvidence, LineEvidence], far: FarEvidence
+    ) -> tuple[State, tuple[LineEvidence, LineEvidence], FarEvidence]:
         """After the car's centre has crossed a line: the adjacent lane, whose lines swap names; else unchanged.
 
         The far lines of the adjacent lane are unknown until the next search.
@@ -323,68 +347,56 @@ class LaneTracker:
             return to_adjacent_lane(estimate, LEFT_SIDE, prior), (LineEvidence(), lines[0]), (None, None)
         return to_adjacent_lane(estimate, RIGHT_SIDE, prior), (lines[1], LineEvidence()), (None, None)
 
-    def _compare(self, challenger: Lane | None) -> None:
-        """Compare a lane found without memory with the track, and start with it if it is better."""
-        s, known = self.settings, self.lane
+    def _compare(self, track: Track | None, challenger: Lane | None) -> Track | None:
+        """The track after a search without memory found a lane, or a new one with that lane if it is better."""
+        s = self.settings
         if challenger is None or challenger.score < s.min_score:
-            self._lost_comparisons = 0
-        elif known is None:
-            self._start(challenger)
-        elif self._is_same_lane(challenger, known):
-            self._lost_comparisons = 0
-            self._confirmed += 1
-            sure = challenger.confidence >= SURE_CONFIDENCE or self._confirmed >= s.confirmations
-            if sure and self._state == SEARCHING:
-                self._state = TRACKING
-            self.lane = replace(known, state=self._state, far_evidence=challenger.far_evidence)
-        elif self._state == TRACKING and challenger.score <= known.score + s.challenger_margin:
-            self._lost_comparisons = 0
-        else:
-            self._lost_comparisons += 1
-            better = self._state == SEARCHING and challenger.confidence > known.confidence
-            if better or self._lost_comparisons >= s.confirmations:
-                self._start(challenger)
+            return track and replace(track, lost_comparisons=0)
+        if track is None:
+            return self._start(challenger)
+        lane = track.lane
+        if self._is_same_lane(challenger, lane):
+            confirmed = track.confirmed + 1
+            sure = challenger.confidence >= SURE_CONFIDENCE or confirmed >= s.confirmations
+            state = TRACKING if sure and lane.state == SEARCHING else lane.state
+            lane = replace(lane, state=state, far_evidence=challenger.far_evidence)
+            return replace(track, lane=lane, confirmed=confirmed, lost_comparisons=0)
+        if lane.state == TRACKING and challenger.score <= lane.score + s.challenger_margin:
+            return replace(track, lost_comparisons=0)
+        better = lane.state == SEARCHING and challenger.confidence > lane.confidence
+        if better or track.lost_comparisons + 1 >= s.confirmations:
+            return self._start(challenger)
+        return replace(track, lost_comparisons=track.lost_comparisons + 1)
 
-    def _start(self, found: Lane) -> None:
-        """Start a track with a detected lane."""
+    def _start(self, found: Lane) -> Track:
+        """A track that begins with a detected lane."""
         self._forget_lane()
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
-        self._estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
-        self._state, self._confirmed = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, 1
-        self.lane = self._describe(self._estimate, found.evidence, found.far_evidence, found.clear_share, 0.0)
+        estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
+        state, watch = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, DepartureWatch()
+        return Track(estimate, self._describe(replace(found, state=state), estimate, watch, 0.0), watch)
 
-    def _describe(
-        self,
-        estimate: State,
-        lines: Sequence[LineEvidence],
-        far: FarEvidence,
-        clear: float,
-        elapsed_s: float,
-    ) -> Lane:
-        """The estimate as a lane: double lines are bounded by their inner stripes; its share of `clear` stripes."""
-        left, right = lines
+    def _describe(self, lane: Lane, estimate: State, watch: DepartureWatch, elapsed_s: float) -> Lane:
+        """The lane with the numbers of the estimate; double lines are bounded by their inner stripes."""
+        left, right = lane.evidence
         # single lines are not shifted: the filter estimates their centres better than one profile does
         model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
         motion = car_motion(estimate, self.settings.filter)
-        departure = self._departure.update(model, motion, self.view.camera, elapsed_s)
-        lane = Lane(
-            state=self._state,
+        departure = watch.update(model, motion, self.camera, elapsed_s)
+        described = replace(
+            lane,
             model=model,
             centres=estimate.lane,
             fit_covariance=estimate.lane_covariance,
-            evidence=(left, right),
-            score=lane_score(lines),
-            clear_share=clear,
+            score=lane_score(lane.evidence),
+            same_lane_share=None,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,
-            far_evidence=far,
-            confidence_shift=self.evidence.confidence_shift if self.evidence else 0.0,
-            camera=self.view.camera,
         )
-        if departure.due and (self._state != TRACKING or lane.confidence < LIKELY_CONFIDENCE):
-            return replace(lane, departure=replace(departure, due=False))
-        return lane
+        if lane.state != TRACKING or described.confidence < LIKELY_CONFIDENCE:
+            return replace(described, departure=replace(departure, due=False))
+        return described
 
     def _without_static(self, evidence: Evidence, elapsed_s: float, *, search: bool) -> tuple[Evidence, Lane | None]:
         """The evidence without stripes that never move, and the lane that a `search` finds in it.
@@ -400,9 +412,9 @@ class LaneTracker:
                 if lane is not None and lane.score >= self.settings.min_score:
                     if not self._lane_moves and self.lane and not self._is_same_lane(lane, self.lane):
                         # the track began on the stripes that never move
-                        self._start(lane)
+                        self._track = self._start(lane)
                     self._lane_moves = True
-                elif self._state == LOST:
+                elif self.lane is None:
                     self._lane_moves = False
             if self._lane_moves:
                 return moving, lane
