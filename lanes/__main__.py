@@ -299,7 +299,8 @@ class Explain:
 
 class Label:
     """Mark both lines of the ego lane in stills, in a page that only this machine can open. The labels are TuSimple
-    JSON lines, labels.jsonl beside the stills; the next run continues them. Our lines are shown after yours are saved.
+    JSON lines, labels.jsonl next to the stills; the next run continues them. After a label is saved, the page can
+    show the lines that `detect` finds, for comparison.
     """
 
     SUMMARY = "mark the lines of the lane in stills, as labels to score against"

@@ -41,8 +41,8 @@ _ADVICE = "take images in which the board is tilted by 20 to 45 degrees, each ti
 class BoardDetections:
     """Chessboards detected in images.
 
-    `tiles` has all images by name, made small for the contact sheet, `boards` the detected boards by the name of the
-    image, and `unused` the images without a board with the reason. `pattern` is the complete board's inner corners
+    `tiles` has all images by name, made small for the contact sheet. `boards` has the detected boards by the name of
+    the image. `unused` has the images without a board, and the reason. `pattern` is the complete board's inner corners
     (columns, rows).
     """
 
@@ -92,7 +92,7 @@ def calibrate(
 def find_boards(
     paths: Sequence[Path], pattern: tuple[int, int] = (9, 6), *, progress: Callable[[int, int], None] | None = None
 ) -> BoardDetections:
-    """The board in every image, and in the frames of a video in which it is seen most differently.
+    """The board in every image, and in those frames of a video that show it most differently.
 
     Images that cannot be decoded are `unused`; one that does not exist is an error.
     """

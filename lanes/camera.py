@@ -325,7 +325,7 @@ class Camera(ByValue):
 
     @property
     def model(self) -> LensModel:
-        """The lens model, which the number of coefficients tells."""
+        """The lens model, by the number of coefficients."""
         return LENS_MODELS[len(self.distortion)]
 
     @property
@@ -500,7 +500,7 @@ def require_camera(camera: object) -> Camera:
 def _find_fault(
     size: tuple[int, int], matrix: tuple[float, ...], distortion: tuple[float, ...], offset_m: float, car_width_m: float
 ) -> str:
-    """Why there is no such camera in a car, or nothing. Cached, because pitch motion makes a camera in every frame."""
+    """Why a camera is not plausible; empty if it is. Cached, because pitch motion makes a camera in every frame."""
     (width, height), (fx, skew, _, zero, fy, _, *last) = size, matrix
     (low_m, high_m), (*counts, last_count) = CAR_WIDTH_RANGE_M, map(str, LENS_MODELS)
     known = f"{', '.join(counts)} or {last_count}"

@@ -44,8 +44,8 @@ class Board:
 def find_board(image: np.ndarray, pattern: tuple[int, int] = (9, 6), *, doubtful: bool = False) -> Board | None:
     """Inner corners of a chessboard, or of its largest visible part; None without a grid of at least 5 x 4 corners.
 
-    The sector-based detector (Duda and Frese, BMVC 2018) is the first choice, the classic one, which finds boards in
-    the dark and in glare, the second, and a part of the board the third. All corners are then refined to sub-pixel
+    The sector-based detector (Duda and Frese, BMVC 2018) is the first choice. The classic one is the second: it finds
+    boards in the dark and in glare. A part of the board is the third. All corners are then refined to sub-pixel
     accuracy (`cv2.cornerSubPix`), which halves the largest error on the rendered boards.
 
     `image` is RGB (height, width, 3), uint8; `pattern` has the complete board's inner corners (columns, rows). With

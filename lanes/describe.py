@@ -12,8 +12,8 @@ from math import degrees
 def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
     """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown".
 
-    A curvature smaller than its standard deviation is that of a straight road, or of a bend with a larger radius than
-    the text says; it is unknown if that radius is below 100 m.
+    If the curvature is smaller than its standard deviation, the road is straight, or bends with a larger radius than
+    the text says. If that radius is below 100 m, the bend is unknown.
     """
     if curvature_per_m is None:
         return "bend unknown"

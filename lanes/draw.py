@@ -1,7 +1,7 @@
 """Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its measures in words.
 
 The confidence decides what is drawn. A likely lane is filled; a ribbon runs along the inner edge of each line that is
-seen, so that the paint beside it stays visible. Lines that are inferred, and those of an uncertain lane, are dotted.
+seen, so that its paint stays visible. Lines that are inferred, and those of an uncertain lane, are dotted.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ NO_POINTS = np.empty((0, 2))
 
 
 class LaneOutline(NamedTuple):
-    """Raw pixels (N, 2) of what is drawn of a lane; without points where it is not drawn.
+    """Raw pixels (N, 2) of the drawn parts of a lane; empty for parts that are not drawn.
 
     `area` is the polygon between the lines, `ribbons` are those along the left and the right line, `dotted` are these
     lines where they are inferred or the lane is uncertain.
@@ -103,7 +103,7 @@ def draw_lane(
     opacity : float
         Opacity of the area, 0 to 1.
     evidence : Evidence, optional
-        What the lane was found in, for the inset and the mosaic; extracted again if not given.
+        The evidence of the lane, for the inset and the mosaic; extracted again if not given.
     onto : ndarray, optional
         Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
 
@@ -156,7 +156,7 @@ def _require_known(what: str, names: Collection[str], known: Collection[str]) ->
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
-    """What is drawn of a lane: each line up to its farthest marking, the area up to the nearer end of both.
+    """The drawn parts of a lane: each line up to its farthest marking, the area up to the nearer end of both.
 
     A line without markings ends with the other one. See `draw_lane`.
     """

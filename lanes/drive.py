@@ -127,7 +127,7 @@ class Annotation(ByValue):
     outputs: tuple[Path, ...]
     # The columns (rows,) of the telemetry by name, a row per frame or still, as `read_telemetry` returns them.
     telemetry: Telemetry
-    # What was found and written, in words.
+    # The result and the files written, in words.
     description: str
     # None if the camera already had a pose, or every still has a camera of its own.
     pose: PoseEstimate | None = None
@@ -497,7 +497,7 @@ class StillResult:
 
 
 def detect_stills(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
-    """What is found in each still, one after the other; errors of stills that cannot be used go to `failures`.
+    """The detection in each still, one after the other; errors of stills that cannot be used go to `failures`.
 
     If none of the stills can be used, the errors are raised as one.
     """
@@ -514,7 +514,7 @@ def detect_stills(stills: Sequence[Path], settings: DriveSettings, failures: lis
 
 
 def _detect_group(stills: Sequence[Path], settings: DriveSettings, failures: list[LaneError]) -> Iterator[StillResult]:
-    """What is found in each still of one camera, with a pose of its own where the common pose shows no likely lane."""
+    """The detection in each still of one camera; see `detect_in_drive` for the pose."""
     sizes: dict[Path, tuple[int, int]] = {}
     for path in stills:
         try:

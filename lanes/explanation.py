@@ -2,8 +2,8 @@
 
     image -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction -> fit -> lane
 
-It reads what the detection or the tracker kept. If no lane was found, or a doubtful one, it names the step, the reason
-and what to do.
+It reads the results that the detection or the tracker kept. If no lane was found, or a doubtful one, it names the step,
+the reason and what to do.
 """
 
 from __future__ import annotations
@@ -127,7 +127,7 @@ def explain(
     Parameters
     ----------
     detection : StillDetection, optional
-        What was found in the image, if that is known; otherwise it is that of `lanes.detect.search.detect_still`.
+        The detection in the image, if it is known; otherwise that of `lanes.detect.search.detect_still`.
     pose_doubt : str, optional
         Given if the pose of `camera` was estimated from the same files: why it is uncertain, or empty. It is the failed
         step if no lane is found.

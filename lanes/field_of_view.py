@@ -163,7 +163,7 @@ def _camera_of(entries: dict[str, Any], size: tuple[int, int], *, rectified: boo
 
 
 def find_camera(size: tuple[int, int], files: Sequence[Path] = (), topic: str | None = None) -> Camera:
-    """The camera of images of `size` in files of which nobody gave one; warns if its field of view is doubtful."""
+    """The camera of images of `size` in files without a given camera; warns if its field of view is doubtful."""
     camera = read_log_camera(files[0], topic) if files else None
     return camera.scaled(size) if camera else find_field_of_view(files, topic).warn().camera(size)
 

@@ -25,7 +25,7 @@ import yaml
 from filelock import FileLock, Timeout
 
 _PARTIAL = ".partial"
-# End of the name of what is written next to the video of a robot log; it is unlike that of a log.
+# Suffix of the messages that are written next to the video of a robot log; other than that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
 # A second writer waits this long for the lock: as long as it takes to write a small file.
 _LOCK_TIMEOUT_S = 1.0

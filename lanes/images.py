@@ -76,7 +76,7 @@ def to_rgb(image: np.ndarray) -> np.ndarray:
 
 
 def kind_of_file(path: str | Path) -> Literal["image", "video"] | None:
-    """What a file is by the end of its name; None if that says neither."""
+    """The kind of a file by the suffix of its name; None if it is neither."""
     if re.search(_IMAGE_NAMES, str(path), re.IGNORECASE):
         return "image"
     return "video" if re.search(_VIDEO_NAMES, str(path), re.IGNORECASE) else None

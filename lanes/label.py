@@ -1,7 +1,7 @@
 """Hand labels of the ego lane's two lines, marked in a local web page (`python -m lanes label`).
 
-From the inside out: a line through clicked points; the labels on disk (`labels.jsonl`, TuSimple JSON lines) and marks
-that are not labels yet; the server of the page, for this machine only, whose address holds a random token.
+From the inside out: a line through clicked points; the labels on disk (`labels.jsonl`, TuSimple JSON lines), and marks
+that are not labels yet; the server of the page. It answers this machine only, and its address holds a random token.
 """
 
 from __future__ import annotations
@@ -42,8 +42,8 @@ POINT_PX, PAINT_PX = 2.0, 0.7
 # A usual camera: focal length, and the horizon above the highest point, in image heights; its own height in metres.
 FOCAL, TO_HORIZON, CAMERA_M = 1.5, 0.04, 1.4
 # Standard deviations of the curvature at the car, 1/m, and of its change over a metre, 1/m^1.5. With a third of the
-# latter the line of a painted hairpin of 25 m is 2.2 px off (RMS) instead of 1.6, with three times as much that of a
-# bend of 200 m is 0.54 px off instead of 0.40.
+# latter the RMS error is 2.2 px instead of 1.6 in a painted hairpin of 25 m radius. With three times as much it is
+# 0.54 px instead of 0.40 in a bend of 200 m.
 CURVATURE, CURVATURE_CHANGE = 0.05, 0.001
 MIN_CONTRAST, MIN_RATIO = 8.0, 4.0  # of paint with both its sides: grey levels, and times the noise
 
@@ -161,7 +161,7 @@ class Session:
     def mark(self, k: int, points: Any, save: bool) -> dict[str, Any]:
         """Write the `points` of both lines (None: not visible), with `save` as a label; returns `label`.
 
-        Raises LaneError for marks that are none, for a label that was compared, and if another program changed it.
+        Raises LaneError for invalid marks, for a label that was compared, and if another program changed it.
         """
         name, label, (labels, unsaved) = self._names[k], self._fit(k, points), self._files
         if labels.labels.get(name, {}).get("compared"):
@@ -176,7 +176,7 @@ class Session:
         return self.label(k)
 
     def compare(self, k: int) -> None:
-        """Note that our lines were shown beside the label of still `k`, which stays as it is from now on."""
+        """Note that the label of still `k` was compared with our lines; it cannot be changed from now on."""
         labels = self._files[0]
         label = labels.labels[self._names[k]]
         if not label.get("compared"):
@@ -198,7 +198,7 @@ class _LabelFile:
         self.labels = _read_labels(path)
 
     def change(self, name: str, label: dict[str, Any] | None) -> None:
-        """Write a label, or remove it (None); what is in memory is what is on the disk, also if that fails."""
+        """Write a label, or remove it (None); memory and disk agree afterwards, also if writing fails."""
         there = _read_labels(self._path)
         known, self.labels = self.labels, there
         if there.get(name) != known.get(name):
@@ -246,7 +246,7 @@ def _read_labels(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def label_stills(sources: Sources, settings: DriveSettings, count: int, *, browser: bool = True) -> str:
-    """Label stills, and `count` frames of each video, in the settings' output folder; returns in words what is done."""
+    """Label stills, and `count` frames of each video, in the settings' output folder; returns a summary in words."""
     labels = settings.output / "labels.jsonl"
     with ExitStack() as session_is_open:
         with translate_write_errors(labels):

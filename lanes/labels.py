@@ -1,7 +1,7 @@
 """Lane lines in images as TuSimple JSON lines: detected here, labelled, or predicted by any program.
 
-Each line of a file is a JSON object with `raw_file` (the image; that of a label is relative to the file), `h_samples`
-(rows; without them a prediction is at the rows of its label) and `lanes` (columns at these rows, -2 without a point).
+Each line of a file is a JSON object. `raw_file` is the image; that of a label is relative to the file. `h_samples` are
+rows; a prediction without them has the rows of its label. `lanes` are columns at these rows, -2 without a point.
 Optional are `sides` (the name of each line, "left" and "right" for the ego lane), `confidence` (0 to 1) and `run_time`
 (milliseconds). Names are the same in all forms of Unicode: macOS decomposes letters with accents.
 
@@ -59,7 +59,7 @@ class LaneColumns:
         return [*PurePosixPath(self.name).parts[:-1], "."][0]
 
     def at(self, rows: np.ndarray) -> np.ndarray:
-        """Columns (K, N) at rows (N,), between two of `rows` on the straight line; -2 beyond them or beside a gap."""
+        """Columns (K, N) at rows (N,), linearly interpolated between two of `rows`; -2 beyond them or next to a gap."""
         order, wanted = np.argsort(self.rows), np.round(rows, 2)
         known = np.append(-1, np.round(self.rows[order], 2))  # a row without points above all others
         points = np.where(self.columns < 0, np.nan, self.columns)[:, order]
@@ -131,7 +131,7 @@ def read_predictions(path: str | Path, labels: Sequence[LaneColumns]) -> list[La
 
 
 def find_picture(folder: Path, name: str) -> Path:
-    """The image of a label in a folder, in the form of Unicode in which it is there; as named if it is not."""
+    """Path of the image of a label, in the Unicode form of the file in the folder; as named if there is none."""
     forms = [folder / name, folder / normalize("NFC", name), folder / normalize("NFD", name)]  # the last is of macOS
     return next((path for path in forms if path.is_file()), forms[0])
 

@@ -1,8 +1,8 @@
 """Lens models, and the camera files that name them: YAML as written here, of ROS, OpenCV's FileStorage and Kalibr.
 
-A lens model says where a lens shows a ray, and up to which angle that holds. A new model is one entry of `LENS_MODELS`.
-Directions (x, y) are those of rays with z = 1. The files have many names for a model; the number of coefficients, in
-OpenCV's order, tells ours apart.
+A lens model maps rays to the image, up to a largest angle. A new model is one entry of `LENS_MODELS`.
+Directions (x, y) are those of rays with z = 1. The files have many names for a model; here the
+number of coefficients, in OpenCV's order, identifies it.
 """
 
 from __future__ import annotations

@@ -60,8 +60,8 @@ from lanes.sources import find_sources, require_topic, sample_images
 LANE_WIDTH_M, _LANE_WIDTH_STD_M = 3.66, 0.10
 # Images taken from the files of a drive; more did not improve the estimate.
 POSE_PICTURES = 24
-# States of a pose: most of its numbers come from lanes in the images; from lanes in few of them, or at a height that
-# they do not decide; from the edges in the images or from nothing, with the standard deviations of any camera.
+# States of a pose. Estimated: lanes in many images determine it. Doubtful: few images show a lane, or they leave the
+# height open. Assumed: no lane is seen; it has the direction of the edges at most, and the prior's standard deviations.
 ESTIMATED, DOUBTFUL, ASSUMED = "estimated", "doubtful", "assumed"
 
 Progress = Callable[[int, int], None]
@@ -74,7 +74,7 @@ class PoseEstimate(ByValue):
     `height_std_m` includes the uncertainty of the assumed lane width. `frames_used` are the images with a likely lane
     between two lines.
     `lane_width_m` determines the height, or follows from a given height; it is None if the pose is doubtful. `notes`
-    name what the images do not determine. If the pose was estimated from a single image, `still` is what was found in
+    name what the images do not determine. If the pose was estimated from a single image, `still` is the detection in
     it, and the pose is that of its lane. `confidence_shift` is added to the log odds of lanes that are found with the
     pose: the images allow other heights, too.
     """
@@ -138,7 +138,7 @@ class PoseEstimate(ByValue):
         lens, and without distortion at focal lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
         """
         height_m = self.pose.height_m
-        # two standard deviations of the roll, which moves lines 1.8 m beside the camera
+        # two standard deviations of the roll, which moves lines that are 1.8 m to the side
         by_roll_cm = 200 * self.roll_std_rad * (height_m + 1.8**2 / height_m)
         why = "lanes may be wider or narrower" if self.state == ESTIMATED else "the height is assumed"
         width = f" and {self.height_std_m / height_m:.0%} ({why})" if self.height_std_m else ""
@@ -183,8 +183,8 @@ def estimate_pose(
     Parameters
     ----------
     source : path, array, or iterable of paths or of arrays
-        A video, a still, a folder of them, or a pattern such as ``drive/*.jpg``; or images (height, width, 3), uint8,
-        RGB, raw, of the camera's size. All images are kept in memory; 20 to 60, spread over the drive, are enough.
+        A video, a still, a folder of them, or a pattern such as ``drive/*.jpg``. Or raw RGB images (height, width, 3),
+        uint8, of the camera's size. All images are kept in memory; 20 to 60, spread over the drive, are enough.
     lane_width_m : float, optional
         Distance between the centres of the ego lane's lines; it determines the height. By default `LANE_WIDTH_M` for
         several images; the height of a single one is then assumed.
@@ -291,7 +291,7 @@ def detect_in_drive(
     markings: Markings | None = None,
     settings: DetectorSettings = DETECTOR,
 ) -> tuple[StillDetection, PoseEstimate | None]:
-    """What is found in an image of a drive, and the pose estimate that it was found with.
+    """The detection in an image of a drive, and the pose estimate that it was made with.
 
     `drive` is the estimate that `ensure_pose` returned with the camera; None if the pose is known. If it shows no
     sure lane, the pose of the image alone is tried, too, and the more probable lane is taken. Errors are those of

@@ -32,8 +32,8 @@ from lanes.detect.search import HEIGHT_RANGE_M, DetectorSettings, StillDetection
 _PITCHES_RAD, _YAWS_RAD = np.radians(np.arange(-10, 10.01, 0.25)), np.radians(np.arange(-15, 15.01, 0.5))
 _ROLLS_RAD = np.radians(np.arange(-6, 6.01, 0.25))
 _LOG_HEIGHTS = np.log(np.geomspace(*HEIGHT_RANGE_M, 221))
-# Prior of the roll: cameras are installed level by eye, within about a degree, a few of them askew. It has the shape of
-# Cauchy's distribution, with this width.
+# Prior of the roll: cameras are installed level by eye, within about a degree; a few are tilted more. It has the shape
+# of Cauchy's distribution, with this width.
 PRIOR_ROLL_STD_RAD = np.radians(1.0)
 # Prior of the camera height, log-normal: 1.1 to 1.6 m in passenger cars.
 PRIOR_HEIGHT_M, PRIOR_HEIGHT_LOG_STD = 1.35, 0.25
@@ -63,7 +63,7 @@ AHEAD = Direction(0.0, float(np.radians(6.0)), 0.0, float(np.radians(10.0)))
 
 
 class Given(NamedTuple):
-    """What is known before a pose is estimated, and how lanes are looked for; see `lanes.estimate_pose`."""
+    """Given numbers and settings of a pose estimate; see `lanes.estimate_pose`."""
 
     lane_width_m: float
     height_m: float | None
@@ -85,7 +85,7 @@ class Rivals:
 
 
 class Shown(NamedTuple):
-    """What a lane in one image says about the camera pose; NaN for what it does not say.
+    """The camera pose that a lane in one image shows; NaN for numbers that it does not show.
 
     That is everything if the lane is unlikely or has one line.
     """
@@ -104,7 +104,7 @@ def table(shown: Sequence[Shown]) -> np.ndarray:
 
 
 def shown_by(still: StillDetection, lane_width_m: float) -> Shown:
-    """What the lane in an image says about the pose.
+    """The pose that the lane in an image shows.
 
     A camera that is rolled by r more than its pose says sees the lanes on its right wider, those on its left narrower:
     each by the share 2 r W / H, for lanes of width W and the camera height H.

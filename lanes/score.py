@@ -6,9 +6,9 @@ the tolerance is scaled with the width.
 
 The official score counts all lines, each label with its best prediction, and all rows: one without a labelled point is
 correct if the prediction has none either. A prediction that matches no label is false, also one without points. The
-number is that of TuSimple's program also where this is odd: a prediction that is the best of two labels makes the FP of
-a still negative, a still without a labelled line has an accuracy of 0, and a prediction that took more than 200 ms
-counts as not found. In the ego-lane variant left is compared with left and right with right, and only rows with a
+number is that of TuSimple's program, also in odd cases: a prediction that is the best of two labels makes the FP of a
+still negative; a still without a labelled line has an accuracy of 0; after more than 200 ms a prediction counts as not
+found. In the ego-lane variant left is compared with left and right with right, and only rows with a
 labelled point count.
 """
 
@@ -166,7 +166,7 @@ def score_tables(scores: Sequence[StillScore]) -> dict[str, Table]:
 def describe_predictions(
     labels: Sequence[LaneColumns], predictions: Sequence[LaneColumns | None], stills: Sequence[Path]
 ) -> list[tuple[str, list[Path]]]:
-    """What a user should know of predictions, in words, and the stills that it is about."""
+    """Notes on the predictions, in words, each with the stills that it applies to."""
     other, lacking, late = [], [], []
     lacked: set[float] = set()
     for label, found, still in zip(labels, predictions, stills, strict=True):

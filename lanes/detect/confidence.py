@@ -70,7 +70,7 @@ def lane_features(
         # Share of the camera poses tried that do not show this lane: the image allows several.
         "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,
         # Far lines of adjacent lanes that are seen: at the right height of the camera they are a lane's width away.
-        # They tell nothing new about a pose that other images show, too.
+        # They add nothing for a pose that other images show, too.
         "far lines": 0.0 if same_lane_share is None else float(far_lines),
         "odd heading": max(heading, yaw),
         # Support of the line with less paint: most wrong lanes have one line that is seen and one that is a guess.
@@ -84,7 +84,7 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
 
 
 def log_odds_losses(features: Mapping[str, float]) -> dict[str, float]:
-    """What the features of a lane cost, compared with the best possible values, by name; the largest is the weakest."""
+    """Loss of log odds by feature, relative to the best possible value; the largest is the weakest evidence."""
     best = {"near std": float(np.log(MIN_NEAR_STD_M)), "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT))}
     losses = {name: WEIGHTS[name] * (best.get(name, 0.0) - value) for name, value in features.items()}
     return {name: loss for name, loss in losses.items() if name != "constant"}

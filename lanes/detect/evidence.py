@@ -10,7 +10,7 @@ where two stripes run side by side. The band filter measures centre minus the la
 joint of two asphalts) has one neighbour as bright as its bright side and scores zero; a dark tar seam scores below
 zero. The response is divided by the local noise, so that one threshold serves all exposures, in sun and in shade.
 
-The road beside a single stripe is the darker of two strips: one touches the stripe, the other lies a gap farther out.
+The road next to a single stripe is the darker of two strips: one touches the stripe, the other lies a gap farther out.
 Blur brightens the first, the second stripe of a double line the other.
 """
 
@@ -60,9 +60,9 @@ class PaintSettings:
 
 PAINT = PaintSettings()
 
-# The centre of a mask's stripe is that of the mask within this distance (m), if it has this share of the largest
-# probability there, and if the mean is below the other share of it: else it is an area. Larger probabilities are no
-# more certain.
+# The centre of a mask's stripe is the centroid of the mask within this distance (m). It needs the first share of the
+# largest probability there. If the mean exceeds the second share of it, the mask is an area and no line. The
+# probability is limited, because larger values are not more certain.
 MASK_REACH_M, _CENTRE_SHARE, _AREA_SHARE, _MAX_PROBABILITY = 0.75, 0.5, 0.9, 0.99
 
 
@@ -263,7 +263,7 @@ def strength_weight(strength: np.ndarray, settings: PaintSettings = PAINT) -> np
 class Evidence:
     """What one image shows in a view; `view_image` (rows, columns, 3), uint8, is its bird's-eye view.
 
-    `response` is the combined one, `sources` names what it was combined from.
+    `response` is the combined one, `sources` are the names of its parts.
     """
 
     view: BirdsEyeView

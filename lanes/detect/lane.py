@@ -50,7 +50,7 @@ MAX_COLUMNS_PER_ROW = 10.0
 
 @dataclass(frozen=True)
 class LineEvidence:
-    """What is seen of one line.
+    """The observed evidence of one line.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ FarEvidence = tuple[LineEvidence | None, LineEvidence | None]
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Line(ByValue, LineEvidence):
-    """One line of a lane: where it runs, how certain that is, and what is seen of it.
+    """One line of a lane: its geometry, the uncertainty, and the evidence.
 
     Attributes
     ----------
@@ -125,7 +125,7 @@ class Line(ByValue, LineEvidence):
 
     @property
     def offset_m(self) -> float:
-        """Lateral position beside the car, positive left."""
+        """Lateral position at the car (x = 0), positive left."""
         return self.coefficients[0]
 
     @property
@@ -155,7 +155,7 @@ class Line(ByValue, LineEvidence):
         return self.pixels(camera, along_m=np.geomspace(OUTLINE_M[0], max(self.reach_m, OUTLINE_M[0]), 40))
 
     def describe(self) -> str:
-        """Words: lateral position beside the car, type, and the evidence."""
+        """Words: lateral position at the car, type, and the evidence."""
         side = "left" if self.offset_m > 0 else "right"
         beside = f"{abs(self.offset_m):.2f} ± {describe_std(self.offset_std_m)} m {side}"
         if not self.seen:
@@ -195,8 +195,8 @@ class Departure:
     drift_mps: float
     # The line that the car approaches: "left", "right" or None.
     side: str | None
-    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it, infinite in lane
-    # keeping or when it is more than 20 s away.
+    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it. Infinite in lane
+    # keeping, or if it is more than 20 s.
     time_to_crossing_s: float
     # Whether to warn: a crossing is near with certainty, or happening; never for an uncertain lane.
     due: bool
@@ -331,7 +331,7 @@ class Lane(ByValue):
 
     @property
     def curvature_per_m(self) -> float:
-        """Curvature of the lane centre beside the car; positive for a left bend."""
+        """Curvature of the lane centre at the car; positive for a left bend."""
         return float(self.model[CURVATURE] / (1 - self.model[CURVATURE] * self.model[CENTRE]))
 
     @property
@@ -393,7 +393,7 @@ class Lane(ByValue):
         """The far lines of the adjacent lanes to the left and to the right; None for a line that is not seen.
 
         A lane that is uncertain or predicted has none. A tracker sees them in its searches, once a second; in between
-        `reach_m` is the end of what was seen. Type and support are those of one image.
+        `reach_m` is the end that was seen last. Type and support are those of one image.
         """
         stated = self.state != COASTING and self.confidence >= LIKELY_CONFIDENCE
         left, right = (

@@ -4,8 +4,8 @@ The view is resampled along a fitted line: one row for each row of the view, one
 The median over the rows with stripes is the cross-section of the marking, without the texture of the road.
 
 The type is white or yellow, solid or dashed, single or double; None between the thresholds. White paint has the colour
-of the road beside it, which lies in the same light, and yellow paint lacks blue. One image shows a dash or two: painted
-and bare road are summed while the car drives, with less weight for what lies farther back.
+of the road next to it, which lies in the same light, and yellow paint lacks blue. One image shows a dash or two:
+painted and bare road are summed while the car drives, with less weight for road farther back.
 """
 
 from __future__ import annotations
@@ -78,8 +78,8 @@ def marking_profile(
 ) -> MarkingProfile | None:
     """What an image shows of the marking along a line; None without a marking.
 
-    `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row, NaN where it does not pass,
-    `stripe_rows` (stripes,) the rows of its stripes. `side` is +1 for a line to the left of the lane, else -1.
+    `line_y_m` (rows,) is the lateral position of the line on the view's grid in each row, NaN where it does not pass.
+    `stripe_rows` (stripes,) are the rows of its stripes. `side` is +1 for a line to the left of the lane, else -1.
     """
     rows, column = _straight_cells(view, line_y_m, stripe_rows)
     painted = np.isin(rows, stripe_rows)

@@ -208,7 +208,7 @@ class DetectorSettings:
     votes: VoteSettings = field(default_factory=VoteSettings)
     fit: FitSettings = field(default_factory=FitSettings)
     # The views of single images and searches begin where images do, and are so wide that they hold the adjacent lines:
-    # in a wider one the network finds more that is no lane.
+    # in a wider one the network finds more false stripes.
     near_m: float = 2.5
     half_width_m: float = 6.5
 
@@ -227,7 +227,7 @@ class Search:
 
 @dataclass(frozen=True, eq=False)
 class StillDetection:
-    """What was found in an image, and what it was found in.
+    """The result of a detection in an image, with its intermediate results.
 
     `search` is None without stripes near the car, or if a tracker made none; `lane` is None if no lane is seen.
     """
@@ -390,8 +390,8 @@ def find_lane(
         The camera that took it, with its pose.
     settings : DetectorSettings
     markings : callable, optional
-        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, at any resolution, which
-        takes the place of our own filters; see `lanes.detect.markings.load_markings`.
+        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, at any resolution. It
+        replaces our own filters; see `lanes.detect.markings.load_markings`.
 
     Raises
     ------
@@ -410,7 +410,7 @@ def detect_still(
     *,
     markings: Markings | None = None,
 ) -> StillDetection:
-    """What is found in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
+    """The detection in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
     image = require_camera(camera).require_size(image)
     paint = require_type(settings, DetectorSettings, "settings").paint
     return search_lane(find_evidence(image, _view_of(camera, settings), paint, markings=markings), settings)
@@ -424,7 +424,7 @@ def search_at_heights(
     *,
     markings: Markings | None = None,
 ) -> list[StillDetection]:
-    """What is found in a single image for each height of the camera; the evidence is found once, with its own pose.
+    """The detection in a single image for each height of the camera; the evidence is extracted once, with its own pose.
 
     The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
     """
@@ -440,7 +440,7 @@ def detect_with_own_pose(
     markings: Markings | None = None,
     settings: DetectorSettings = DETECTOR,
 ) -> StillDetection:
-    """What is found in a single image whose camera pose is only known roughly.
+    """The detection in a single image whose camera pose is only known roughly.
 
     The evidence is found once and searched for several heights of the camera. A height has its prior probability times
     the odds of the lane that it shows. The lane with the largest sum over all heights that show it is taken, and of

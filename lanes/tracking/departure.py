@@ -69,8 +69,8 @@ def watch_departure(
 ) -> Departure:
     """Time to line crossing of a car in a lane (15,), which is relative to its camera (`Camera.offset_m`).
 
-    A warning is due only if the car would also cross the line with its course and its turning one standard deviation
-    nearer to those of the lane, and with a drift of no more than `SEEN_FACTOR` times the one that was seen. The lines
+    A warning is due only if a slower motion would also cross the line: with course and turning one standard deviation
+    nearer to those of the lane, and a drift of at most `SEEN_FACTOR` times the observed one. The lines
     move sideways by v sin(h) t + (k - path) (v t)^2 / 2; the crossing is the first positive root.
     """
     left_m, right_m = (line_coefficients(lane, side)[0] + camera_offset_m for side in (LEFT_SIDE, RIGHT_SIDE))

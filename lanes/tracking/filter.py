@@ -106,7 +106,7 @@ class FilterSettings:
     # Rate steps: small on motorways, up to those of a hairpin (the maximum) where the road bends more.
     rate_step_per_m2_per_m: BaseShare = (5e-5, 0.2)
     max_rate_step_per_m2_per_m: float = 4e-3
-    # Vertical curvature that comes into view, and what lies between the knots: it also grows with the largest vertical
+    # Vertical curvature that comes into view, and that between the knots: it also grows with the largest vertical
     # curvature of the lane; the maximum is a radius of 170 m, at which cars leave the ground.
     vertical_per_m: BaseShare = (3e-4, 0.03)
     vertical_share: float = 1.0

@@ -62,8 +62,8 @@ class TrackerSettings:
     detector: DetectorSettings = field(default_factory=DetectorSettings)
     filter: FilterSettings = field(default_factory=FilterSettings)
     # Smallest score (sum of the square roots of both lines' supports) of a detection that starts a track. While a track
-    # has less, every frame is searched. The number of consecutive detections that confirm a track, and of searches that
-    # found another lane, with a score that is larger by a margin, after which it is given up.
+    # has less, every frame is searched. A track is confirmed after a number of detections, and given up
+    # after the same number of searches in a row that found another lane with a score that is larger by a margin.
     min_score: float = 0.45
     confirmations: int = 3
     challenger_margin: float = 0.1
@@ -427,7 +427,7 @@ class LaneTracker:
         return found.lane
 
     def _narrowest_view(self, lane: Lane | None, least: BirdsEyeView) -> BirdsEyeView:
-        """The narrowest view that contains both lines of a lane and 0.8 m beside them, not narrower than `least`."""
+        """The narrowest view that contains both lines of a lane with a margin of 0.8 m, not narrower than `least`."""
         reach_m = float(np.abs(LATERAL_IN_VIEW @ lane.model).max()) + 0.8 if lane else 0.0
         reach_m = max(reach_m, least.half_width_m)
         return next((view for view in self._views if reach_m <= view.half_width_m), self._views[-1])
@@ -435,8 +435,8 @@ class LaneTracker:
     def _is_same_lane(self, found: Lane, known: Lane) -> bool:
         """Whether both lines of a detected lane are those of the known one.
 
-        They are if they lie within three of its standard deviations of each other 6, 12 and 20 m ahead, but never if
-        they are farther apart than 0.3 m, and always if nearer than 0.15 m.
+        They are if they differ by less than three of its standard deviations 6, 12 and 20 m ahead. This limit is at
+        least 0.15 m and at most 0.3 m.
         """
         at_m = np.array([6.0, 12.0, 20.0])
         tolerance_m = np.clip(3.0 * lateral_std_m(known.fit_covariance, at_m), 0.15, 0.3)
@@ -444,7 +444,7 @@ class LaneTracker:
         return not (np.abs(found.lateral_m(at_m) - known.lateral_m(at_m)) > tolerance_m).any()
 
 
-# A place of the image is static if it is occupied in this share of the samples, of which this number is needed.
+# A place of the image is static if it is occupied in this share of the samples; a smallest number of them is needed.
 MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
 # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
 # stands, everything is static, and the sample is left out.

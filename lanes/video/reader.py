@@ -69,7 +69,7 @@ class VideoInfo:
     missing: int = 0
     topic: str | None = None  # of the images in a robot log
     orientation: int = 1  # in EXIF, as the display matrix says
-    note: str = ""  # what was changed of the times of a robot log, in words
+    note: str = ""  # corrections of the times of a robot log, in words
 
     @property
     def mirrored(self) -> bool:
@@ -257,7 +257,7 @@ def _has_jumps(stream: av.VideoStream) -> bool:
 
 
 def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
-    """Frames per second, without jumps in time; raises VideoError if there is no frame rate, or one not usable."""
+    """Frames per second, without jumps in time; raises VideoError if the frame rate is missing or not usable."""
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: has no frame rate; convert it to mp4 first.")

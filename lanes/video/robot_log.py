@@ -49,8 +49,8 @@ _FIELDS: dict[str, dict[int, tuple[str, type]]] = {
         **{5: ("D", list), 6: ("K", list), 7: ("R", list), 8: ("P", list)},
     },
 }
-# The same types as messages of ROS (foxglove_msgs), which rosbags does not know, have these types of fields in the same
-# order after time and frame; and the lengths of lists that have a fixed one.
+# Types of the fields of the same schemas as ROS messages (foxglove_msgs), which rosbags does not know; they follow time
+# and frame in the same order. Lengths of lists that have a fixed one.
 _ROS_TYPES = {str: "string", int: "uint32", bytes: "uint8[]", list: "float64[{}]"}
 _LENGTHS = {"K": 9, "R": 9, "P": 12}
 
@@ -75,8 +75,8 @@ class Topic:
         return re.split(r"[./]", self.type_name)[-1]
 
 
-# An open file: its channels, each a key and a topic, which has several if several programs write to it; and a function
-# that yields (time of the recording in ns, data) of the channels with some keys from a time in ns on.
+# An open file: its channels, each a key and a topic, and a function that yields (time of the recording in ns, data) of
+# the channels with some keys from a time in ns on. A topic has several channels if several programs write to it.
 _OpenFile = tuple[list[tuple[Any, Topic]], Callable[[list[Any], int], Iterator[tuple[int, bytes]]]]
 
 
@@ -145,7 +145,7 @@ def _list_parts(folder: Path) -> list[Path]:
 
 
 def _unpacked(path: Path, opened: ExitStack) -> Path:
-    """The file, or if rosbag2 has compressed it, what was in it, in a temporary folder."""
+    """The file; if rosbag2 has compressed it, the unpacked one in a temporary folder."""
     if path.suffix not in (".zstd", ".zst"):
         return path
     unpacked = Path(opened.enter_context(TemporaryDirectory()), path.stem)
@@ -291,7 +291,7 @@ class LogIndex:
 
     `stamps_ns` are from the headers, since 1970, or from the recording if headers have none or restart. `times_s` count
     from the first image; `numbers` skip missing images if the rate is constant. `places` are their places among the
-    messages of the topic. `note` says in words what was changed of the times; empty if nothing was. Images of a video
+    messages of the topic. `note` states corrections of the times in words; empty without any. Images of a video
     in a `codec` are decoded from one of the `key_frames` (N,) on.
     """
 
@@ -428,7 +428,7 @@ def _find_outliers(stamps_ns: np.ndarray) -> np.ndarray:
 
 
 def _describe_times(outliers: int, steps_s: np.ndarray) -> str:
-    """What is changed of the times, in words; empty if nothing is."""
+    """The corrections of the times, in words; empty without any."""
     jumps = int((steps_s > _JUMP_S).sum())
     words = [f"{outliers} time stamps far from those of the images around them are replaced"] if outliers else []
     if jumps:

@@ -286,7 +286,7 @@ def process_video(
     telemetry: str | Path | TelemetryWriter | None = None,
     info: VideoInfo | None = None,
 ) -> VideoInfo:
-    """Write what a function makes of every frame of a video as an mp4 that browsers play, with the source's sound.
+    """Apply a function to every frame of a video, and write an mp4 that browsers play, with the source's sound.
 
     Parameters
     ----------
