@@ -94,12 +94,12 @@ class Track:
     lane: Lane
     departure: DepartureWatch
     # Searches that found the lane, and the last ones in a row that found another, better one.
-    confirmed: int = 1
-    lost_comparisons: int = 0
+    confirmed: int
+    lost_comparisons: int
     # Frames since the start; those with a seen lane since it coasts; time since the lane was seen.
-    frames: int = 0
-    regained: int = 0
-    unseen_s: float = 0.0
+    frames: int
+    regained: int
+    unseen_s: float
 
 
 class LaneTracker:
@@ -126,8 +126,6 @@ class LaneTracker:
 
     Attributes
     ----------
-    lane : Lane or None
-        The lane in the last image, as `update` returned it.
     evidence : Evidence or None
         What the last image showed.
     search : Search or None
@@ -374,7 +372,8 @@ class LaneTracker:
         inflated = found.fit_covariance * self.settings.detector.fit.variance_inflation
         estimate = initial_state(found.centres, inflated, self.speed_mps, self.settings.filter)
         state, watch = TRACKING if found.confidence >= SURE_CONFIDENCE else SEARCHING, DepartureWatch()
-        return Track(estimate, self._describe(replace(found, state=state), estimate, watch, 0.0), watch)
+        lane = self._describe(replace(found, state=state), estimate, watch, 0.0)
+        return Track(estimate, lane, watch, confirmed=1, lost_comparisons=0, frames=0, regained=0, unseen_s=0.0)
 
     def _describe(self, lane: Lane, estimate: State, watch: DepartureWatch, elapsed_s: float) -> Lane:
         """The lane with the numbers of the estimate; double lines are bounded by their inner stripes."""

@@ -99,8 +99,6 @@ def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
     encoding = format_.partition(";")[0].strip().lower()
     if not len(data):
         return None
-    if data[:2].tobytes() == b"\xff\xd8" and not encoding.startswith("bayer"):
-        return cv2.imdecode(data, cv2.IMREAD_COLOR_RGB | cv2.IMREAD_IGNORE_ORIENTATION)
     image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if image is None or image.dtype not in (np.uint8, np.uint16):
         return None
