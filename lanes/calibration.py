@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -175,18 +176,11 @@ def calibrate_detections(detections: BoardDetections, source: str) -> Camera:
         raise CameraError(f"{source}: {error}{hint}{unused}") from error
 
 
-@dataclass(frozen=True)
-class _Fit:
-    """A lens that was fitted to boards, with the error of each (RMS, pixels), and why others were not used.
-
-    `focal_std_share` is the standard deviation of the focal length as a share of it; 0 if it is unknown.
-    """
+class _Fit(NamedTuple):
+    """A lens that was fitted to boards, with its report."""
 
     camera: Camera
-    errors_px: dict[str, float]
-    rms_px: float
-    focal_std_share: float
-    rejected: dict[str, str]
+    report: CalibrationReport
 
 
 def calibrate_boards(boards: Mapping[str, Board], unused: Mapping[str, str] | None = None) -> Camera:
@@ -211,19 +205,18 @@ def calibrate_boards(boards: Mapping[str, Board], unused: Mapping[str, str] | No
         if not doubtful:
             raise
         fit = _fit_with_doubtful(used, size)
-    if fit.rms_px > _MIN_OUTLIER_ERROR_PX or len(fit.errors_px) < len(boards):
+    if fit.report.rms_px > _MIN_OUTLIER_ERROR_PX or len(fit.report.board_rms_px) < len(boards):
         with suppress(CameraError):
             fisheye = _fit_with_doubtful(used, size)
             fit = fisheye if _explains_more(fisheye, used, size) else fit
-    limit_px = _MAX_ERROR_SHARE * max(size)
-    if fit.rms_px > limit_px:
+    rms_px, limit_px = fit.report.rms_px, _MAX_ERROR_SHARE * max(size)
+    if rms_px > limit_px:
         raise CameraError(
-            f"the boards fit neither a normal nor a fisheye lens (error {fit.rms_px:.2f} px, at most {limit_px:.1f}). "
+            f"the boards fit neither a normal nor a fisheye lens (error {rms_px:.2f} px, at most {limit_px:.1f}). "
             "Check the pattern, that the board is flat, and that all images are of one camera that did not zoom."
         )
-    rejected = {**(unused or {}), **rejected, **fit.rejected}
-    report = CalibrationReport(fit.rms_px, fit.errors_px, rejected, focal_std_share=fit.focal_std_share)
-    return replace(fit.camera, report=report)
+    rejected = {**(unused or {}), **rejected, **fit.report.rejected}
+    return replace(fit.camera, report=replace(fit.report, rejected=rejected))
 
 
 def _fit_with_doubtful(boards: dict[str, Board], size: tuple[int, int]) -> _Fit:
@@ -248,10 +241,10 @@ def _fit_with_doubtful(boards: dict[str, Board], size: tuple[int, int]) -> _Fit:
 def _explains_more(fisheye: _Fit, boards: dict[str, Board], size: tuple[int, int]) -> bool:
     """Whether a fisheye lens fits its boards clearly better than a normal lens does."""
     try:
-        normal = _fit_once({name: boards[name] for name in fisheye.errors_px}, size, {}, fisheye=False)
+        normal = _fit_once({name: boards[name] for name in fisheye.report.board_rms_px}, size, {}, fisheye=False)
     except CameraError:
         return True
-    return fisheye.rms_px < 0.8 * normal.rms_px  # the two models fit a normal lens equally well
+    return fisheye.report.rms_px < 0.8 * normal.report.rms_px  # the two models fit a normal lens equally well
 
 
 def _fit_without_outliers(
@@ -260,8 +253,9 @@ def _fit_without_outliers(
     """Fit a lens and remove the worst board until it is not an outlier; the reasons are added to those `rejected`."""
     while True:
         fit = _fit_once(boards, size, rejected, fisheye=fisheye)
-        worst = max(fit.errors_px, key=fit.errors_px.__getitem__)
-        error_px, median_px = fit.errors_px[worst], float(np.median(list(fit.errors_px.values())))
+        errors_px = fit.report.board_rms_px
+        worst = max(errors_px, key=errors_px.__getitem__)
+        error_px, median_px = errors_px[worst], float(np.median(list(errors_px.values())))
         # With three boards it cannot be decided which one is wrong.
         if len(boards) == _MIN_VIEWS or error_px <= max(_OUTLIER_RATIO * median_px, _MIN_OUTLIER_ERROR_PX):
             return fit
@@ -287,7 +281,8 @@ def _fit_once(boards: dict[str, Board], size: tuple[int, int], rejected: dict[st
         raise CameraError(f"these boards do not determine the intrinsics; {_ADVICE}.") from error
     rms_px = float(np.sqrt(np.average(errors_px**2, weights=[len(corners) for corners in pixels])))
     errors = dict(zip(boards, errors_px.tolist(), strict=True))
-    return _Fit(Camera(*size, matrix, distortion), errors, rms_px, focal_std_share, rejected)
+    report = CalibrationReport(rms_px, errors, rejected, focal_std_share=focal_std_share)
+    return _Fit(Camera(*size, matrix, distortion), report)
 
 
 def _fit_normal_lens(

@@ -448,8 +448,6 @@ MIN_SHARE, MIN_SAMPLES = 0.7, 6.0
 # Smallest share of occupied places that the previous sample did not have. While driving it is 0.4 to 1; if the car
 # stands, everything is static, and the sample is left out.
 MIN_MOVED = 0.3
-# Samples after which the weight of a sample has fallen to 1 / e.
-MEMORY = 30.0
 # Width of a column, metres: stripes within 1 to 2 columns are at the same place.
 COLUMN_M = 0.02
 
@@ -507,7 +505,7 @@ class StaticPattern:
         self._previous, self._previous_seen = occupied, seen
         if not len(moved) or moved.mean() < MIN_MOVED:
             return
-        kept = exp(-1 / MEMORY)
+        kept = exp(-1 / 30)  # after 30 samples the weight of one has fallen to 1 / e
         self._counts[:, seen] *= kept
         self._counts[:, seen] += occupied[:, seen]
         self._samples[seen] *= kept
