@@ -12,7 +12,7 @@ from functools import partial
 from pathlib import Path
 
 from benchmark import estimates, evaluation, systems
-from benchmark.errors import frame_errors, normalize_errors
+from benchmark.errors import frame_errors
 from benchmark.estimates import AHEAD_M, read_estimates, write_estimates
 from benchmark.evaluation import BenchmarkDrive, PreparedDrive, prepare_drive, read_truth, run_systems
 from benchmark.scores import Result
@@ -78,13 +78,11 @@ def cached_estimates(task: tuple[PreparedDrive, str], *, folder: Path, workers: 
 def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
     estimates, metadata = read_estimates(path)
     drive = prepared.drive
-    truth = read_truth(drive)
     try:
-        errors = frame_errors(estimates, truth)
+        errors = frame_errors(estimates, read_truth(drive))
     except ValueError as error:
         raise ValueError(f"{drive.video}: {error}") from error
-    normalized = normalize_errors(estimates, truth)
-    return Result(drive.label, drive.difficulty, system, errors, prepared.pose, normalized=normalized, **metadata)
+    return Result(drive.label, drive.difficulty, system, errors, prepared.pose, **metadata)
 
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.errors import FrameErrors, NormalizedErrors, joined, recovery_lengths
+from benchmark.errors import FrameErrors, joined, recovery_lengths
 from benchmark.estimates import AHEAD_M
 
 # Distances ahead, each with its own columns in the table.
@@ -27,8 +27,7 @@ class Result:
     """The errors of one system on one scene, and the conditions of the measurement.
 
     `pose` is the source of the camera pose: "true" or "estimated". `workers` and `machine` (see
-    `describe_machine`) are the number of processes and the machine of the time measurement. `normalized` are the errors
-    in stated standard deviations, None for a system that states none.
+    `describe_machine`) are the number of processes and the machine of the time measurement.
     """
 
     scene: str
@@ -39,7 +38,6 @@ class Result:
     workers: int = 1
     fps: float = 25.0
     machine: str = ""
-    normalized: NormalizedErrors | None = None
 
 
 RESAMPLINGS, SEED = 4000, 0

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.consistency import consistency
-from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, joined, normalize_errors
+from benchmark.errors import FrameErrors, frame_errors, joined
 from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
 from benchmark.real_roads import WAYS, ScoredLane, add_road_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
@@ -106,31 +106,21 @@ MECHANISMS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """What the tracker got wrong in the frames of a drive; `normalized` is None in scenes without a lane."""
-
-    errors: FrameErrors
-    normalized: NormalizedErrors | None
-
-
-def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> Measurement:
+def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> FrameErrors:
     """The errors of the tracker without a mechanism on a drive, before the time `end_s`."""
     mechanism, drive = task
     (estimates,) = run_systems(drive, [(TRACKER, 1)], end_s=end_s, settings=mechanism.settings())
-    truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
-    return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
+    return frame_errors(estimates, read_truth(drive.drive).select(slice(len(estimates.offset_m))))
 
 
-def rendered_cells(off: Sequence[Measurement], on: Sequence[Measurement]) -> list[str]:
-    """Cells of the table from measurements of the same rendered drives without and with a mechanism."""
-    without, usual = joined([one.errors for one in off]), joined([one.errors for one in on])
+def rendered_cells(off: Sequence[FrameErrors], on: Sequence[FrameErrors]) -> list[str]:
+    """Cells of the table from the errors in the same rendered drives without and with a mechanism."""
+    without, usual = joined(off), joined(on)
     exists = usual.exists
     gained = 100.0 * (without.correct.astype(int) - usual.correct)[exists]
-    clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
+    clusters = frame_clusters([len(one.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
     low, high = mean_interval(gained, clusters)
-    row = score([one.errors for one in off])
-    nees = consistency(one.normalized for one in off if one.normalized)["nees_mean"]
+    row, nees = score(off), consistency(off)["nees_mean"]
     change = f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})"
     return [f"{row['accuracy']:.1%}", change, f"{row['lateral_5_20m_p95_m']:.3f} m", f"{nees:.2f}"]
 
@@ -165,7 +155,7 @@ def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callabl
         chosen = choose_drives(options.scenes, seed=options.seed)
         drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
 
-        def look_at_drives(mechanism: Mechanism) -> list[Measurement]:
+        def look_at_drives(mechanism: Mechanism) -> list[FrameErrors]:
             return run_all(measure, [(mechanism, drive) for drive in drives], workers=options.workers)
 
         kinds.append((RENDERED_COLUMNS, look_at_drives, rendered_cells))
