@@ -66,8 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
-    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives
-    from benchmark.runner import run_benchmark
+    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives, run_benchmark
     from benchmark.speed import describe_speed
     from benchmark.systems import SYSTEMS
 

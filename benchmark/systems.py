@@ -127,15 +127,9 @@ def lane_estimate(lane: Lane | None) -> LaneEstimate:
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
     """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
-    left, right, lines_m = result.left_road, result.right_road, result.lateral_m(ALONG_M)
-    if left is None or right is None or lines_m is None:
-        return {}
-    return {
-        "lines_m": road_points(ALONG_M, lines_m),
-        "offset_m": result.offset_m,
-        "heading_rad": np.arctan((left.c1 + right.c1) / 2),
-        "curvature_per_m": result.curvature_per_m,
-    }
+    roads = result.left_road, result.right_road
+    lines = [(road.c2_per_m / 2, road.c1, road.c0_m) for road in roads if road]
+    return estimate_from_lines(lines if len(lines) == 2 else None)
 
 
 def _own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
@@ -213,10 +207,10 @@ def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
     if len(lines) != 2:
         raise ValueError(f"a finder returns two lines or None, but this one returned {len(lines)}.")
     shapes = [np.poly1d(line) for line in lines]
-    slope, bend = (np.mean([shape.deriv(order)(0.0) for shape in shapes]) for order in (1, 2))
+    lateral_m, slopes, bends = np.array([[shape.deriv(order)(0.0) for shape in shapes] for order in (0, 1, 2)])
     return {
         "lines_m": road_points(ALONG_M, np.array([shape(ALONG_M) for shape in shapes])),
-        "offset_m": -np.mean([shape(0.0) for shape in shapes]),
-        "heading_rad": np.arctan(slope),
-        "curvature_per_m": bend / (1 + slope**2) ** 1.5,
+        "offset_m": -lateral_m.mean(),
+        "heading_rad": np.arctan(slopes.mean()),
+        "curvature_per_m": np.mean(bends / (1 + slopes**2) ** 1.5),
     }
