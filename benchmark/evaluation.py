@@ -178,23 +178,23 @@ def run_systems(
     return list(map(DriveEstimates.from_frames, estimates, time_ms))
 
 
-def score_video(
-    video: str | Path, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1, name: str | None = None
-) -> Row:
+def score_video(video: str | Path, system: str | OwnFinder, *, end_s: float | None = None) -> Row:
     """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
-    Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
-    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
-    ValueError if the system is unknown, or video and truth do not belong together.
+    All frames up to the time `end_s` count. The truth (.csv) and the camera with pose (.yaml) are next to the video.
+    Raises ValueError if the system is unknown, or video and truth do not belong together.
     """
-    label = name or (system.__name__ if callable(system) else system)
-    return score_systems(video, {label: (system, every)}, end_s=end_s)[0]
+    name = system.__name__ if callable(system) else system
+    return score_systems(video, {name: (system, 1)}, end_s=end_s)[0]
 
 
 def score_systems(
     video: str | Path, systems: Mapping[str, tuple[str | OwnFinder, int]], *, end_s: float | None = None
 ) -> list[Row]:
-    """`score_video` for several systems by name, each with its `every`; the video is decoded once."""
+    """`score_video` for several systems by name, of which each sees each `every`-th frame; the video is decoded once.
+
+    A system with a memory needs every frame.
+    """
     for system, _ in systems.values():
         if not callable(system):
             require_system(system)
