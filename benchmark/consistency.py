@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.errors import CONFIDENT, NUMBERS, QUANTITIES, FrameErrors, joined
-from benchmark.scores import Result, Row, by_difficulty, frame_clusters, share_interval, total_name
+from benchmark.scores import Result, Row, by_difficulty, joined_frames, share_interval, total_name
 from benchmark.systems import TRACKER
 from benchmark.tables import describe_interval, markdown_table
 from lanes.describe import format_table
@@ -123,12 +123,10 @@ class AvailableLanes:
     clusters: np.ndarray
 
     @classmethod
-    def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
+    def from_results(cls, results: Sequence[Result]) -> AvailableLanes:
         """From the results of one system on some drives."""
-        results = list(results)
-        every = joined([result.errors for result in results])
+        every, clusters = joined_frames(results)
         correct = every.exists & (every.full_rms_m <= CORRECT_WITHIN_M)
-        clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
         confidence = np.nan_to_num(every.confidence, nan=1.0)
         return cls(confidence[every.available], correct[every.available], clusters[every.available])
 

@@ -56,6 +56,12 @@ def frame_clusters(frames: Sequence[int], fps: Sequence[float]) -> np.ndarray:
     return np.repeat(np.arange(len(frames)), frames)
 
 
+def joined_frames(group: Sequence[Result]) -> tuple[FrameErrors, np.ndarray]:
+    """The errors of the N frames of some drives, joined, and their clusters (N,)."""
+    every = joined([result.errors for result in group])
+    return every, frame_clusters([len(result.errors.exists) for result in group], [result.fps for result in group])
+
+
 def mean_interval(values: np.ndarray, clusters: np.ndarray) -> tuple[float, float]:
     """95 % interval of the mean of values (N,) in clusters (N,), which are drawn with replacement.
 
@@ -163,8 +169,7 @@ def _successes(group: Sequence[Result]) -> tuple[np.ndarray, np.ndarray]:
 
     A success is a correct frame; if no frame has a true lane, one that is not confident and wrong.
     """
-    every = joined([result.errors for result in group])
-    clusters = frame_clusters([len(result.errors.exists) for result in group], [result.fps for result in group])
+    every, clusters = joined_frames(group)
     if not every.exists.any():
         return ~every.confident_and_wrong, clusters
     return every.correct[every.exists], clusters[every.exists]
@@ -192,9 +197,9 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     """
     every = joined(drives)
     losses = [length for drive in drives for length in recovery_lengths(drive.correct[drive.exists])]
-    measured = {f"lateral_{x:.0f}m": every.lateral_m[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
-    measured["lateral_5_20m"] = every.near_rms_m
-    units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
+    errors = {(f"lateral_{x:.0f}m", "m"): every.lateral_m[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
+    errors |= {("lateral_5_20m", "m"): every.near_rms_m, ("offset", "m"): every.offset_m}
+    errors |= {("heading", "rad"): every.heading_rad, ("curvature", "per_m"): every.curvature_per_m}
     row = {
         "frames": float(len(every.exists)),
         "lane_frames": float(every.exists.sum()),
@@ -202,8 +207,7 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
         "accuracy": _share(every.correct[every.exists]),
         "confident_and_wrong_share": _share(every.confident_and_wrong),
     }
-    for name, unit in units.items():
-        values = measured[name] if name in measured else getattr(every, f"{name}_{unit}")
+    for (name, unit), values in errors.items():
         row[f"{name}_median_{unit}"], row[f"{name}_p95_{unit}"] = (percentile(values, at) for at in (50, 95))
     row["recovery_median_frames"] = percentile(np.array(losses or [0], float), 50)
     row["recovery_longest_frames"] = float(max(losses, default=0))
