@@ -13,7 +13,7 @@ Without FOLDER there are only the rendered columns, with `--scenes none` only th
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -23,7 +23,7 @@ import numpy as np
 from benchmark.consistency import consistency
 from benchmark.errors import FrameErrors, frame_errors, joined
 from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
-from benchmark.real_roads import WAYS, ScoredLane, add_road_arguments, read_road_sets, score_sets
+from benchmark.real_roads import WAYS, RoadSet, ScoredLane, add_road_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_table
@@ -140,26 +140,13 @@ REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right
 RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
 
 
-def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callable, Callable]]:
-    """The kinds of roads that are asked for: headings, what is found without a mechanism, and the cells of that."""
-    kinds: list[tuple[list[str], Callable, Callable]] = []
-    if options.folder:
-        sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
-
-        def look_at_roads(mechanism: Mechanism) -> list[list[ScoredLane]]:
-            found = (score_sets(sets, way, mechanism.settings(), workers=options.workers) for way in WAYS)
-            return [[one for some in of_way for one in some] for of_way in found]
-
-        kinds.append((REAL_COLUMNS, look_at_roads, real_cells))
-    if options.scenes != ["none"]:
-        chosen = choose_drives(options.scenes, seed=options.seed)
-        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
-
-        def look_at_drives(mechanism: Mechanism) -> list[FrameErrors]:
-            return run_all(measure, [(mechanism, drive) for drive in drives], workers=options.workers)
-
-        kinds.append((RENDERED_COLUMNS, look_at_drives, rendered_cells))
-    return kinds
+def measure_all(
+    mechanism: Mechanism, sets: Sequence[RoadSet], drives: Sequence[PreparedDrive], *, workers: int
+) -> tuple[list[list[ScoredLane]], list[FrameErrors]]:
+    """What is found without a mechanism: the lanes on real roads in each of the `WAYS`, and the errors in drives."""
+    ways = (score_sets(sets, way, mechanism.settings(), workers=workers) for way in WAYS if sets)
+    errors = run_all(measure, [(mechanism, drive) for drive in drives], workers=workers)
+    return [[one for some in of_way for one in some] for of_way in ways], errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -184,13 +171,20 @@ def main() -> None:
     if options.together:
         off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
         rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
-    kinds = choose_columns(options)
-    headings = ["switched off", "what it does", *(heading for columns, *_ in kinds for heading in columns)]
-    print(markdown_table(headings, []), flush=True)
-    on = [look(ALL_ON) for _, look, _ in kinds]
+    sets, drives = [], []
+    if options.folder:
+        sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
+    if options.scenes != ["none"]:
+        chosen = choose_drives(options.scenes, seed=options.seed)
+        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
+    columns = (REAL_COLUMNS if sets else []) + (RENDERED_COLUMNS if drives else [])
+    print(markdown_table(["switched off", "what it does", *columns], []), flush=True)
+    lanes_on, errors_on = measure_all(ALL_ON, sets, drives, workers=options.workers)
     for mechanism in (ALL_ON, *rows):
-        found = on if mechanism is ALL_ON else [look(mechanism) for _, look, _ in kinds]
-        cells = [cell for (*_, to_cells), *both in zip(kinds, found, on, strict=True) for cell in to_cells(*both)]
+        lanes, errors = lanes_on, errors_on
+        if mechanism is not ALL_ON:
+            lanes, errors = measure_all(mechanism, sets, drives, workers=options.workers)
+        cells = real_cells(lanes, lanes_on) + (rendered_cells(errors, errors_on) if drives else [])
         print(f"| {' | '.join([mechanism.name, mechanism.description, *cells])} |", flush=True)
 
 
