@@ -63,10 +63,13 @@ class BenchmarkDrive:
         return f"{self.name}-{self.seed}" if self.seed else self.name
 
     def require_video(self) -> Path:
-        """The video; raises FileNotFoundError if the scene is not rendered yet."""
-        if self.video is None:
-            raise FileNotFoundError(f"scene {self.name} is not rendered yet; call ensure_video first.")
-        return self.video
+        """The video; a missing one is rendered into the cache."""
+        if self.video:
+            return self.video
+        from simulator.scenes.suite import render_scene
+
+        # by one process, because the drives of a run are spread over the workers
+        return render_scene(self.name, seed=self.seed, workers=1)
 
 
 def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
@@ -85,7 +88,7 @@ def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> Benchmar
 
 def list_drives(*, seed: int = 0) -> dict[str, BenchmarkDrive]:
     """All scenes of the suite by name, or variant number `seed` of each."""
-    # here and in `ensure_video`, because own videos are scored without the renderer
+    # here and in `require_video`, because own videos are scored without the renderer
     from simulator.scenes.suite import SUITE
 
     drives = {}
@@ -104,16 +107,6 @@ def choose_drives(names: list[str], *, seed: int = 0) -> list[BenchmarkDrive]:
     """
     known = list_drives(seed=seed)
     return [known[name] if name in known else _video_drive(name, known) for name in names or known]
-
-
-def ensure_video(drive: BenchmarkDrive) -> BenchmarkDrive:
-    """The drive with its video; a missing one is rendered into the cache."""
-    if drive.video:
-        return drive
-    from simulator.scenes.suite import render_scene
-
-    # by one process, because the drives of a run are spread over the workers
-    return replace(drive, video=render_scene(drive.name, seed=drive.seed, workers=1))
 
 
 def _video_drive(name: str, known: dict[str, BenchmarkDrive]) -> BenchmarkDrive:
@@ -140,9 +133,8 @@ def prepare_drive(
     drive: BenchmarkDrive, *, estimated_pose: bool = False, markings: Markings | None = None
 ) -> PreparedDrive:
     """The drive, rendered if needed, and its camera with the true pose, or with one estimated from the video."""
-    drive = ensure_video(drive)
     video = drive.require_video()
-    camera = load_camera(video.with_suffix(".yaml"))
+    drive, camera = replace(drive, video=video), load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true", markings)
     return PreparedDrive(drive, estimate_pose(video, camera, markings=markings).camera, "estimated", markings)

@@ -10,8 +10,8 @@ detector has none: it is what the tracker does in a single picture.
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
+import runpy
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -184,17 +184,13 @@ def load_finder(system: str) -> OwnFinder:
     file = Path(path)
     if not file.is_file():
         raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise ValueError(f"{file}: is not a Python file; name your finder as file.py:function.")
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        finder = runpy.run_path(path, run_name=file.stem).get(name)
     except Exception as error:
         raise ValueError(f"{file}: cannot be executed ({type(error).__name__}: {error}); correct it.") from error
-    if not callable(getattr(module, name, None)):
+    if not callable(finder):
         raise ValueError(f"{file}: has no function {name!r}; name your finder as file.py:function.")
-    return getattr(module, name)
+    return finder
 
 
 def estimate_from_lines(lines: Lines | None) -> LaneEstimate:

@@ -18,7 +18,6 @@ from benchmark.evaluation import (
     PreparedDrive,
     cached_estimates,
     choose_drives,
-    ensure_video,
     list_drives,
     prepare_drive,
     read_truth,
@@ -122,7 +121,7 @@ def test_the_options_reach_the_run(monkeypatch):
     assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
     assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
     monkeypatch.setattr("simulator.scenes.suite.render_scene", lambda name, *, seed, **_: Path(f"{name}, seed {seed}"))
-    assert ensure_video(variant).video == Path("motorway, seed 3")
+    assert variant.require_video() == Path("motorway, seed 3")
 
 
 class TestEvaluation:
