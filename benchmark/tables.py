@@ -36,7 +36,7 @@ def describe_scores(rows: Iterable[Row]) -> str:
         group = list(same_scene)
         lines.append(f"{scene} ({difficulty}, {group[0]['frames']:.0f} frames)")
         for row in group:
-            cells = "".join(cell(row).rjust(width) for *_, width, cell in COLUMNS)
+            cells = "".join(f" {cell(row)}".rjust(width) for *_, width, cell in COLUMNS)
             lines.append(f"  {row['system']}".ljust(NAME_WIDTH) + cells)
     return "\n".join(lines)
 
