@@ -115,11 +115,11 @@ def _score_labelled(options: argparse.Namespace) -> None:
 
 def _report(results: list, folder: Path) -> None:
     from benchmark import consistency, tables
-    from benchmark.scores import score_rows, total_rows
+    from benchmark.scores import score_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
 
-    rows, stated = [*score_rows(results), *total_rows(results)], consistency.consistency_rows(results)
+    rows, stated = score_rows(results), consistency.consistency_rows(results)
     print(f"{tables.describe_scores(rows)}\n{tables.describe_run(rows)}")
     if stated:
         print(f"\n{consistency.consistency_table(stated)}\n{consistency.LEGEND}")

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmark.errors import CONFIDENT, NUMBERS, QUANTITIES, FrameErrors, joined
-from benchmark.scores import Result, Row, by_difficulty, joined_frames, share_interval, total_name
+from benchmark.scores import Result, Row, by_difficulty, joined_frames, row_groups, share_interval, total_name
 from benchmark.systems import TRACKER
 from benchmark.tables import describe_interval, markdown_table
 from lanes.describe import format_table
@@ -60,12 +60,10 @@ def consistency(drives: Sequence[FrameErrors]) -> dict[str, float]:
 def consistency_rows(results: Iterable[Result]) -> list[Row]:
     """A row for each scene and system that states a covariance, then one for each difficulty and system."""
     stated = [result for result in results if result.errors.stated.any()]
-    groups = [(result.scene, [result]) for result in stated]
-    groups += [(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
     return [
         {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
         | consistency([one.errors for one in group])
-        for name, group in groups
+        for name, group in row_groups(stated)
     ]
 
 

@@ -196,7 +196,8 @@ def score_systems(
     for (label, (_, every)), lanes in zip(systems.items(), found, strict=True):
         errors = frame_errors(lanes, truth.select(slice(0, len(lanes.offset_m) * every, every)))
         # each alone: only systems on the same frames can be compared
-        rows += score_rows([Result(drive.name, drive.difficulty, label, errors, fps=fps / every)])
+        row, _ = score_rows([Result(drive.name, drive.difficulty, label, errors, fps=fps / every)])
+        rows.append(row)
     return rows
 
 

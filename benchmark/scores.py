@@ -109,30 +109,26 @@ def by_difficulty(results: Iterable[Result]) -> dict[tuple[str, str], list[Resul
     return groups
 
 
-def score_rows(results: Iterable[Result]) -> list[Row]:
-    """A row for each scene and system: names and conditions, then the numbers of `score`, and a comparison."""
-    return _compared_rows([(result.scene, [result]) for result in results])
-
-
-def total_rows(results: Sequence[Result]) -> list[Row]:
-    """A row for each difficulty and system, over the frames of all scenes of that difficulty."""
-    groups = by_difficulty(results)
-    return _compared_rows([(total_name(difficulty), group) for (difficulty, _), group in groups.items()])
-
-
 def total_name(difficulty: str) -> str:
     """The name in the column "scene" of a row over all scenes of a difficulty."""
     return f"all {difficulty}"
 
 
-def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
-    """Rows of named results, with the 95 % interval of the accuracy, and the mark of the best ones of the same name.
+def row_groups(results: Sequence[Result]) -> list[tuple[str, list[Result]]]:
+    """Name and results of each row of a table: each scene and system, then each difficulty and system."""
+    totals = [(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(results).items()]
+    return [(result.scene, [result]) for result in results] + totals
 
-    The mark is 1 or 0 (see `among_best`); NaN without another system.
+
+def score_rows(results: Sequence[Result]) -> list[Row]:
+    """A row for each of the `row_groups`: names and conditions, the numbers of `score`, and a comparison.
+
+    The latter is the 95 % interval of the accuracy, and the mark of the best systems of a scene or difficulty: 1 or 0
+    (see `among_best`), NaN without another system.
     """
-    compared: dict[tuple[str, int], list[Sequence[Result]]] = {}
+    compared: dict[tuple[str, int], list[list[Result]]] = {}
     seen: Counter[tuple[str, str]] = Counter()
-    for name, group in groups:
+    for name, group in row_groups(results):
         key = name, group[0].system
         # two videos may have the same name
         compared.setdefault((name, seen[key]), []).append(group)
