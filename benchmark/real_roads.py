@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -224,11 +224,12 @@ def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[Scor
         return []
     files = [roads.folder / label.name for label in roads.labels]
     if way == OWN:
-        return [_score_stills(roads, [k], [file], settings)[0] for k, file in enumerate(files)]
+        pairs = zip(roads.labels, files, strict=True)
+        return [one for label, file in pairs for one in _score_stills(roads, [label], [file], settings)]
     common = Counter(map(_size, files)).most_common(1)[0][0]
     name = roads.folder / roads.name
     stills = find_sources([str(name) if name.is_dir() else f"{name}*"]).stills
-    return _score_stills(roads, range(len(files)), [file for file in stills if _size(file) == common], settings)
+    return _score_stills(roads, roads.labels, [file for file in stills if _size(file) == common], settings)
 
 
 def score_sets(
@@ -249,14 +250,14 @@ def _camera(size: tuple[int, int], file: Path) -> Camera:
 
 
 def _score_stills(
-    roads: RoadSet, chosen: Iterable[int], files: Sequence[Path], settings: TrackerSettings
+    roads: RoadSet, labels: Sequence[LaneColumns], files: Sequence[Path], settings: TrackerSettings
 ) -> list[ScoredLane]:
     """Scores of some labels; the pose is that of `files`, which have one size."""
     source = read_image(files[0]) if len(files) == 1 else files
     camera, pose = ensure_pose(roads.lens or _camera(_size(files[0]), files[0]), source, settings=settings.detector)
     find = start_finder(DETECTOR, camera, pose, settings=settings.detector)
     scores = []
-    for label in (roads.labels[k] for k in chosen):
+    for label in labels:
         image = read_image(roads.folder / label.name)
         same_size = image.shape[1::-1] == camera.size
         scores.append(find(image, label) if same_size else score_lane(None, label, camera))
