@@ -64,7 +64,7 @@ def start_system(
     1 / fps, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see docs/own_finder.md);
     `settings` are those of the tracker, `markings` those of tracker and detector (`lanes.find_lane`). Raises ValueError
     if the system is unknown.
     """
