@@ -81,3 +81,5 @@ def test_a_line_that_ends_does_not_count_nor_a_system_without_a_covariance():
     count = {name: len(frame_errors(some, lane).z_of(name)) for name in ("lateral_30m", "lateral_20m", "width")}
     assert count == {"lateral_30m": 0, "lateral_20m": 2 * N, "width": N}
     assert not frame_errors(replace(some, covariance=np.full((N, 4, 4), np.nan)), lane).stated.any()
+    without_lane = replace(lane, lines_y_m=np.full_like(lane.lines_y_m, np.nan))
+    assert not frame_errors(some, without_lane).stated.any()
