@@ -179,16 +179,9 @@ def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
     swap = np.nan_to_num(other["near_rms_m"], nan=np.inf) < np.nan_to_num(ego["near_rms_m"], nan=np.inf)
     chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in ego.items()}
     confident = estimates.available & ~(estimates.confidence < CONFIDENT)
-    return FrameErrors(
-        truth.exists,
-        estimates.available,
-        confident,
-        **chosen,
-        confidence=estimates.confidence,
-        time_ms=estimates.time_ms,
-        **_normalized_errors(estimates, truth),
-        lane_change=truth.lane_change,
-    )
+    others = {"confidence": estimates.confidence, "time_ms": estimates.time_ms, "lane_change": truth.lane_change}
+    normalized = _normalized_errors(estimates, truth)
+    return FrameErrors(truth.exists, estimates.available, confident, **chosen, **normalized, **others)
 
 
 def recovery_lengths(correct: np.ndarray) -> list[int]:

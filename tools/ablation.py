@@ -140,6 +140,14 @@ REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right
 RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
 
 
+def choose_roads(options: argparse.Namespace) -> tuple[list[RoadSet], list[PreparedDrive]]:
+    """The labelled sets and the rendered drives that are asked for."""
+    sets = read_road_sets(options.folder) if options.folder else []
+    chosen = choose_drives(options.scenes, seed=options.seed) if options.scenes != ["none"] else []
+    drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
+    return [roads for roads in sets if roads.half in options.half], drives
+
+
 def measure_all(
     mechanism: Mechanism, sets: Sequence[RoadSet], drives: Sequence[PreparedDrive], *, workers: int
 ) -> tuple[list[list[ScoredLane]], list[FrameErrors]]:
@@ -171,12 +179,7 @@ def main() -> None:
     if options.together:
         off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
         rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
-    sets, drives = [], []
-    if options.folder:
-        sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
-    if options.scenes != ["none"]:
-        chosen = choose_drives(options.scenes, seed=options.seed)
-        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
+    sets, drives = choose_roads(options)
     columns = (REAL_COLUMNS if sets else []) + (RENDERED_COLUMNS if drives else [])
     print(markdown_table(["switched off", "what it does", *columns], []), flush=True)
     lanes_on, errors_on = measure_all(ALL_ON, sets, drives, workers=options.workers)
