@@ -66,8 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Score, print the table and write the files."""
-    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives
-    from benchmark.runner import run_benchmark
+    from benchmark.evaluation import PROJECT_ROOT, choose_drives, list_drives, run_benchmark
     from benchmark.speed import describe_speed
     from benchmark.systems import SYSTEMS
 
@@ -97,29 +96,30 @@ def _score_labelled(options: argparse.Namespace) -> None:
     from benchmark.systems import STILL_SYSTEMS
     from lanes.labels import read_labels
 
-    labels, folders = read_labels(options.labels), []
+    labels, every = read_labels(options.labels), dict[str, list]()
     for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
         some = [label for label in labels if name in ("", label.folder)]
         options.files = [options.labels.parent / label.name for label in some]
         lens, settings = find_lens(options)
         systems = options.system or STILL_SYSTEMS
-        folders.append(stills.score_folder(some, options.files, lens, systems, markings=settings.markings))
-        lanes = stills.summarize_lanes(folders[-1].engine)
-        pose = folders[-1].estimate
+        scored, pose = stills.score_folder(some, options.files, lens, systems, markings=settings.markings)
+        for system, lanes in scored.items():
+            every.setdefault(system, []).extend(lanes)
         said = pose.describe() if pose else "camera pose: that of the camera file"
-        print(f"{name}: {len(some)} stills; {lanes}" if name else said)
-    print(stills.describe_labelled(folders))
-    if every := [lane for folder in folders for lane in folder.engine]:
-        print(f"\n{stills.describe_lanes(every)}\n")
+        summary = stills.summarize_lanes(stills.lanes_of_engine(scored))
+        print(f"{name}: {len(some)} stills; {summary}" if name else said)
+    print(stills.describe_labelled(every))
+    if of_engine := stills.lanes_of_engine(every):
+        print(f"\n{stills.describe_lanes(of_engine)}\n")
 
 
 def _report(results: list, folder: Path) -> None:
     from benchmark import consistency, tables
-    from benchmark.scores import score_rows, total_rows
+    from benchmark.scores import score_rows
     from benchmark.systems import TRACKER
     from lanes.files import write_telemetry
 
-    rows, stated = [*score_rows(results), *total_rows(results)], consistency.consistency_rows(results)
+    rows, stated = score_rows(results), consistency.consistency_rows(results)
     print(f"{tables.describe_scores(rows)}\n{tables.describe_run(rows)}")
     if stated:
         print(f"\n{consistency.consistency_table(stated)}\n{consistency.LEGEND}")

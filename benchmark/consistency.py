@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmark.errors import CONFIDENT, NUMBERS, QUANTITIES, NormalizedErrors, joined
-from benchmark.scores import Result, Row, by_difficulty, frame_clusters, share_interval, total_name
+from benchmark.errors import CONFIDENT, NUMBERS, QUANTITIES, FrameErrors, joined
+from benchmark.scores import Result, Row, by_difficulty, joined_frames, row_groups, share_interval, total_name
 from benchmark.systems import TRACKER
 from benchmark.tables import describe_interval, markdown_table
 from lanes.describe import format_table
@@ -41,31 +41,29 @@ def z_summary(z: np.ndarray) -> dict[str, float]:
     return {"z_rms": float(np.sqrt(np.mean(z**2)))} | shares
 
 
-def consistency(drives: Iterable[NormalizedErrors]) -> dict[str, float]:
+def consistency(drives: Sequence[FrameErrors]) -> dict[str, float]:
     """Numbers of frames, mean and median NEES / 4, and `z_summary` of each quantity, over the frames of some drives."""
-    some = joined(list(drives))
-    nees = some.nees[some.used] if some.used.any() else np.array([np.nan])
+    some = joined(drives)
+    nees = some.nees[some.normalized] if some.normalized.any() else np.array([np.nan])
     row = {
-        "frames": float(some.used.sum()),
-        "lane_change_frames": float(some.lane_change.sum()),
-        "other_lane_frames": float((~some.used & ~some.lane_change).sum()),
+        "frames": float(some.normalized.sum()),
+        "lane_change_frames": float((some.stated & some.lane_change).sum()),
+        "other_lane_frames": float((some.stated & ~some.normalized & ~some.lane_change).sum()),
         "nees_mean": float(nees.mean()),
         "nees_median": float(np.median(nees)),
     }
     for quantity in QUANTITIES:
-        row |= {f"{quantity}_{name}": value for name, value in z_summary(some.of(quantity)).items()}
+        row |= {f"{quantity}_{name}": value for name, value in z_summary(some.z_of(quantity)).items()}
     return row
 
 
 def consistency_rows(results: Iterable[Result]) -> list[Row]:
     """A row for each scene and system that states a covariance, then one for each difficulty and system."""
-    stated = [result for result in results if result.normalized is not None]
-    groups = [(result.scene, [result]) for result in stated]
-    groups += [(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(stated).items()]
+    stated = [result for result in results if result.errors.stated.any()]
     return [
         {"scene": name, "difficulty": group[0].difficulty, "system": group[0].system}
-        | consistency(one.normalized for one in group if one.normalized)
-        for name, group in groups
+        | consistency([one.errors for one in group])
+        for name, group in row_groups(stated)
     ]
 
 
@@ -123,12 +121,10 @@ class AvailableLanes:
     clusters: np.ndarray
 
     @classmethod
-    def from_results(cls, results: Iterable[Result]) -> AvailableLanes:
+    def from_results(cls, results: Sequence[Result]) -> AvailableLanes:
         """From the results of one system on some drives."""
-        results = list(results)
-        every = joined([result.errors for result in results])
+        every, clusters = joined_frames(results)
         correct = every.exists & (every.full_rms_m <= CORRECT_WITHIN_M)
-        clusters = frame_clusters([len(r.errors.available) for r in results], [r.fps for r in results])
         confidence = np.nan_to_num(every.confidence, nan=1.0)
         return cls(confidence[every.available], correct[every.available], clusters[every.available])
 

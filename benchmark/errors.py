@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TypeVar
 
 import numpy as np
 
@@ -20,8 +19,8 @@ LANE_CHANGE_M = 0.4
 MAX_LINE_ANGLE_RAD = np.radians(60)
 # A wrong lane with this confidence or more is confident and wrong.
 CONFIDENT = 0.9
-# The numbers of the stated covariance, and all whose z is reported.
-NUMBERS = ("offset", "heading", "curvature", "width")
+# The numbers of the stated covariance with their fields, and all quantities whose z is reported.
+NUMBERS = {"offset": "offset_m", "heading": "heading_rad", "curvature": "curvature_per_m", "width": "width_m"}
 QUANTITIES = (*NUMBERS, *(f"lateral_{x:.0f}m" for x in AHEAD_M))
 # With a larger error of a line, over 5 to 20 m, another lane was found. Its uncertainty is that of another lane, too.
 OTHER_LANE_M = 1.0
@@ -72,9 +71,9 @@ class LaneTruth:
         return np.logical_and.accumulate(chords < np.tan(MAX_LINE_ANGLE_RAD), axis=2)
 
     @property
-    def points_m(self) -> np.ndarray:
-        """(N, 2, D, 2) points of the lines on the road at AHEAD_M."""
-        return road_points(AHEAD_M, self.lines_y_m)
+    def lane_change(self) -> np.ndarray:
+        """(N,) bool: the car is within LANE_CHANGE_M of a line."""
+        return (np.abs(self.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
 
     def select(self, frames: slice) -> LaneTruth:
         """The truth of some of the frames."""
@@ -110,6 +109,10 @@ class FrameErrors:
     line at AHEAD_M. `near_rms_m` and `full_rms_m` are the root mean square of the `line_errors` of the worse line: over
     5 to 20 m, and over 5 to 30 m, for which the confidence is defined. Offset, heading and curvature are absolute
     errors.
+
+    The last ones are for errors in stated standard deviations, NaN where no lane exists or no covariance is stated: `z`
+    (N, 4) of `NUMBERS`, `lines_z` (N, 2, D) of the lateral positions at AHEAD_M, and `nees` (N,), divided by 4.
+    `lane_change` says whether the car is within LANE_CHANGE_M of a line.
     """
 
     exists: np.ndarray
@@ -123,6 +126,10 @@ class FrameErrors:
     curvature_per_m: np.ndarray
     confidence: np.ndarray
     time_ms: np.ndarray
+    z: np.ndarray
+    lines_z: np.ndarray
+    nees: np.ndarray
+    lane_change: np.ndarray
 
     @property
     def correct(self) -> np.ndarray:
@@ -134,14 +141,27 @@ class FrameErrors:
         """(N,) bool: the lane is reported with confidence, but not correct."""
         return self.confident & ~self.correct
 
+    @property
+    def stated(self) -> np.ndarray:
+        """(N,) bool: a lane exists, and the system states a covariance."""
+        return np.isfinite(self.nees)
 
-Frames = TypeVar("Frames", FrameErrors, "NormalizedErrors")
+    @property
+    def normalized(self) -> np.ndarray:
+        """(N,) bool: frames whose z counts; not those of a lane change, where either adjacent lane is the ego lane."""
+        return self.stated & ~self.lane_change & ~(self.near_rms_m > OTHER_LANE_M)
+
+    def z_of(self, quantity: str) -> np.ndarray:
+        """The finite z of one of `QUANTITIES` in the frames whose z counts; those of both lines for a position."""
+        each = dict(zip(QUANTITIES, [*self.z.T, *np.moveaxis(self.lines_z, 2, 0)], strict=True))
+        z = each[quantity][self.normalized]
+        return z[np.isfinite(z)]
 
 
-def joined(drives: Sequence[Frames]) -> Frames:
+def joined(drives: Sequence[FrameErrors]) -> FrameErrors:
     """The errors of the frames of all drives."""
-    arrays = ([getattr(drive, field.name) for drive in drives] for field in fields(drives[0]))
-    return type(drives[0])(*map(np.concatenate, arrays))
+    arrays = ([getattr(drive, field.name) for drive in drives] for field in fields(FrameErrors))
+    return FrameErrors(*map(np.concatenate, arrays))
 
 
 def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
@@ -159,8 +179,9 @@ def frame_errors(estimates: DriveEstimates, truth: LaneTruth) -> FrameErrors:
     swap = np.nan_to_num(other["near_rms_m"], nan=np.inf) < np.nan_to_num(ego["near_rms_m"], nan=np.inf)
     chosen = {name: np.where(swap[(...,) + (None,) * (e.ndim - 1)], other[name], e) for name, e in ego.items()}
     confident = estimates.available & ~(estimates.confidence < CONFIDENT)
-    stated = {"confidence": estimates.confidence, "time_ms": estimates.time_ms}
-    return FrameErrors(truth.exists, estimates.available, confident, **chosen, **stated)
+    others = {"confidence": estimates.confidence, "time_ms": estimates.time_ms, "lane_change": truth.lane_change}
+    normalized = _normalized_errors(estimates, truth)
+    return FrameErrors(truth.exists, estimates.available, confident, **chosen, **normalized, **others)
 
 
 def recovery_lengths(correct: np.ndarray) -> list[int]:
@@ -198,6 +219,7 @@ def line_errors(estimates: DriveEstimates, truth: LaneTruth) -> np.ndarray:
     start, end = estimates.lines_m[:, :, :-1], estimates.lines_m[:, :, 1:]
     chord = end - start
     squared_length = np.maximum((chord**2).sum(axis=-1), 1e-12)
+    points_m = np.moveaxis(road_points(AHEAD_M, truth.lines_y_m), 2, 0)
 
     def distance_m(points: np.ndarray) -> np.ndarray:
         """(N, 2) distances of a point (N, 2, 2) of each line."""
@@ -205,7 +227,7 @@ def line_errors(estimates: DriveEstimates, truth: LaneTruth) -> np.ndarray:
         along = np.clip((to_point * chord).sum(axis=-1) / squared_length, 0.0, 1.0)
         return np.linalg.norm(to_point - along[..., None] * chord, axis=-1).min(axis=-1)
 
-    distances = np.stack([distance_m(points) for points in np.moveaxis(truth.points_m, 2, 0)], axis=-1)
+    distances = np.stack([distance_m(points) for points in points_m], axis=-1)
     return np.where(truth.compared & estimates.available[:, None, None], distances, np.nan)
 
 
@@ -219,52 +241,13 @@ def worse_rms(error: np.ndarray) -> np.ndarray:
     return np.fmax(left, right)
 
 
-@dataclass(frozen=True, eq=False)
-class NormalizedErrors:
-    """Errors of M frames in units of the stated standard deviations.
-
-    `z` (M, 4) are those of `NUMBERS`, `lines_z` (M, 2, D) those of the lateral positions at AHEAD_M, NaN where a line
-    has ended; `nees` (M,) is divided by 4. Two kinds of frames (M,) are left out of summaries: in a `lane_change` the
-    car is within 0.4 m of a line, and either adjacent lane counts as the ego lane; in the others that are not `used`
-    another lane was found.
-    """
-
-    z: np.ndarray
-    lines_z: np.ndarray
-    nees: np.ndarray
-    lane_change: np.ndarray
-    used: np.ndarray
-
-    def of(self, quantity: str) -> np.ndarray:
-        """The finite z of one of `QUANTITIES` in the frames that are used; those of both lines for a position."""
-        number = QUANTITIES.index(quantity)
-        z = self.z[:, number] if number < len(NUMBERS) else self.lines_z[:, :, number - len(NUMBERS)]
-        return z[self.used][np.isfinite(z[self.used])]
-
-
-def normalize_errors(estimates: DriveEstimates, truth: LaneTruth) -> NormalizedErrors | None:
-    """Errors of the estimates, divided by what the system states, against the truth of the same N frames.
-
-    None if the system states no covariance in any frame with a true lane.
-    """
-    compared = np.isfinite(estimates.covariance).all(axis=(1, 2)) & truth.exists
-    if not compared.any():
-        return None
-    change = (np.abs(truth.at_car_y_m) < LANE_CHANGE_M).any(axis=1)
-    other = worse_rms(line_errors(estimates, truth)[..., NEAR]) > OTHER_LANE_M
+def _normalized_errors(estimates: DriveEstimates, truth: LaneTruth) -> dict[str, np.ndarray]:
+    """The errors against the ego lane, divided by what the system states."""
+    covariance = np.where(truth.exists[:, None, None], estimates.covariance, np.nan)
+    errors = np.column_stack([getattr(estimates, name) - getattr(truth, name) for name in NUMBERS.values()])
     lateral = np.where(truth.compared, estimates.lines_y_m - truth.lines_y_m, np.nan)
-    errors = np.column_stack([_of(estimates, name) - _of(truth, name) for name in NUMBERS])[compared]
-    covariance = estimates.covariance[compared]
-    return NormalizedErrors(
-        errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
-        (lateral / estimates.lines_std_m)[compared],
-        np.einsum("ni,ni->n", errors, np.linalg.solve(covariance, errors[..., None])[..., 0]) / len(NUMBERS),
-        change[compared],
-        ~(change | other)[compared],
-    )
-
-
-def _of(lanes: DriveEstimates | LaneTruth, name: str) -> np.ndarray:
-    """(N,) values of one of `NUMBERS`."""
-    units = {"heading": "rad", "curvature": "per_m"}
-    return getattr(lanes, f"{name}_{units.get(name, 'm')}")
+    return {
+        "z": errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)),
+        "lines_z": lateral / estimates.lines_std_m,
+        "nees": np.einsum("ni,ni->n", errors, np.linalg.solve(covariance, errors[..., None])[..., 0]) / len(NUMBERS),
+    }

@@ -1,29 +1,35 @@
 """Drives with known truth (scenes of the suite, and other videos), and the evaluation of systems on them.
 
-A system runs on every frame of a drive that is prepared (rendered, with a camera); then its estimates are compared with
-the truth.
+drives -> PreparedDrive (rendered, camera with pose) -> DriveEstimates (cached in a file) -> Result (errors)
 """
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from benchmark import estimates, systems
 from benchmark.errors import LaneTruth, frame_errors
-from benchmark.estimates import DriveEstimates, LaneEstimate
+from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate, read_estimates, write_estimates
 from benchmark.scores import Result, Row, score_rows
-from benchmark.systems import OwnFinder, require_system, start_system
-from lanes.camera import Camera, load_camera
+from benchmark.speed import describe_machine
+from benchmark.systems import OwnFinder, require_system, source_files, start_system
+from lanes import images, video
+from lanes.camera import Camera, camera_to_dict, load_camera
 from lanes.detect.markings import Markings
-from lanes.files import read_telemetry
+from lanes.files import hash_sources, read_telemetry
 from lanes.pose import estimate_pose
 from lanes.tracking.tracker import TrackerSettings
+from lanes.video import reader
 from lanes.video.reader import inspect_video, read_timed_frames
+from simulator.processes import run_all
 
 # The project's top folder, with the committed videos in test_videos/.
 PROJECT_ROOT = Path(__file__).resolve().parents[1]
@@ -57,10 +63,13 @@ class BenchmarkDrive:
         return f"{self.name}-{self.seed}" if self.seed else self.name
 
     def require_video(self) -> Path:
-        """The video; raises FileNotFoundError if the scene is not rendered yet."""
-        if self.video is None:
-            raise FileNotFoundError(f"scene {self.name} is not rendered yet; call ensure_video first.")
-        return self.video
+        """The video; a missing one is rendered into the cache."""
+        if self.video:
+            return self.video
+        from simulator.scenes.suite import render_scene
+
+        # by one process, because the drives of a run are spread over the workers
+        return render_scene(self.name, seed=self.seed, workers=1)
 
 
 def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> BenchmarkDrive:
@@ -79,7 +88,7 @@ def drive_from_video(video: str | Path, *, difficulty: str = CUSTOM) -> Benchmar
 
 def list_drives(*, seed: int = 0) -> dict[str, BenchmarkDrive]:
     """All scenes of the suite by name, or variant number `seed` of each."""
-    # here and in `ensure_video`, because own videos are scored without the renderer
+    # here and in `require_video`, because own videos are scored without the renderer
     from simulator.scenes.suite import SUITE
 
     drives = {}
@@ -98,16 +107,6 @@ def choose_drives(names: list[str], *, seed: int = 0) -> list[BenchmarkDrive]:
     """
     known = list_drives(seed=seed)
     return [known[name] if name in known else _video_drive(name, known) for name in names or known]
-
-
-def ensure_video(drive: BenchmarkDrive) -> BenchmarkDrive:
-    """The drive with its video; a missing one is rendered into the cache."""
-    if drive.video:
-        return drive
-    from simulator.scenes.suite import render_scene
-
-    # by one process, because the drives of a run are spread over the workers
-    return replace(drive, video=render_scene(drive.name, seed=drive.seed, workers=1))
 
 
 def _video_drive(name: str, known: dict[str, BenchmarkDrive]) -> BenchmarkDrive:
@@ -134,9 +133,8 @@ def prepare_drive(
     drive: BenchmarkDrive, *, estimated_pose: bool = False, markings: Markings | None = None
 ) -> PreparedDrive:
     """The drive, rendered if needed, and its camera with the true pose, or with one estimated from the video."""
-    drive = ensure_video(drive)
     video = drive.require_video()
-    camera = load_camera(video.with_suffix(".yaml"))
+    drive, camera = replace(drive, video=video), load_camera(video.with_suffix(".yaml"))
     if not estimated_pose:
         return PreparedDrive(drive, camera, "true", markings)
     return PreparedDrive(drive, estimate_pose(video, camera, markings=markings).camera, "estimated", markings)
@@ -172,33 +170,34 @@ def run_systems(
     return list(map(DriveEstimates.from_frames, estimates, time_ms))
 
 
-def score_video(
-    video: str | Path, system: str | OwnFinder, *, end_s: float | None = None, every: int = 1, name: str | None = None
-) -> Row:
+def score_video(video: str | Path, system: str | OwnFinder, *, end_s: float | None = None) -> Row:
     """Score a system of `SYSTEMS`, or a finder of one's own, on a video: a row of the benchmark's table.
 
-    Each `every`-th frame up to the time `end_s` counts; a system with a memory needs every frame. The truth (.csv) and
-    the camera with pose (.yaml) are next to the video. `name` is the name of an own finder in the row. Raises
-    ValueError if the system is unknown, or video and truth do not belong together.
+    All frames up to the time `end_s` count. The truth (.csv) and the camera with pose (.yaml) are next to the video.
+    Raises ValueError if the system is unknown, or video and truth do not belong together.
     """
-    label = name or (system.__name__ if callable(system) else system)
-    return score_systems(video, {label: (system, every)}, end_s=end_s)[0]
+    name = system.__name__ if callable(system) else system
+    return score_systems(video, {name: (system, 1)}, end_s=end_s)[0]
 
 
 def score_systems(
     video: str | Path, systems: Mapping[str, tuple[str | OwnFinder, int]], *, end_s: float | None = None
 ) -> list[Row]:
-    """`score_video` for several systems by name, each with its `every`; the video is decoded once."""
+    """`score_video` for several systems by name, of which each sees each `every`-th frame; the video is decoded once.
+
+    A system with a memory needs every frame.
+    """
     for system, _ in systems.values():
         if not callable(system):
             require_system(system)
     drive = drive_from_video(video)
     found = run_systems(prepare_drive(drive), list(systems.values()), end_s=end_s)
     truth, fps, rows = read_truth(drive), inspect_video(video).fps, []
-    for (label, (_, every)), estimates in zip(systems.items(), found, strict=True):
-        errors = frame_errors(estimates, truth.select(slice(0, len(estimates.offset_m) * every, every)))
+    for (label, (_, every)), lanes in zip(systems.items(), found, strict=True):
+        errors = frame_errors(lanes, truth.select(slice(0, len(lanes.offset_m) * every, every)))
         # each alone: only systems on the same frames can be compared
-        rows += score_rows([Result(drive.name, drive.difficulty, label, errors, fps=fps / every)])
+        row, _ = score_rows([Result(drive.name, drive.difficulty, label, errors, fps=fps / every)])
+        rows.append(row)
     return rows
 
 
@@ -213,3 +212,65 @@ def read_truth(drive: BenchmarkDrive) -> LaneTruth:
     except ValueError as error:
         raise ValueError(f"{path}: is not a truth file ({error}); use the one written with the video.") from error
     return replace(truth, lines_y_m=np.full_like(truth.lines_y_m, np.nan)) if drive.difficulty == NO_LANE else truth
+
+
+def run_benchmark(
+    drives: Sequence[BenchmarkDrive],
+    systems: Sequence[str],
+    *,
+    workers: int = 1,
+    estimated_pose: bool = False,
+    markings: Markings | None = None,
+    folder: Path | None = None,
+    progress: Callable[[str], Callable[[int, int], None]] | None = None,
+) -> list[Result]:
+    """Results in the order of `drives`, then of `systems` (names in `systems.SYSTEMS`).
+
+    `workers` processes run, with one OpenCV thread each. With `estimated_pose` the systems get the pose that is
+    estimated from the video instead of the true one; the lens is always the true one. `markings` are those of tracker
+    and detector (`lanes.detect.markings.MarkingModel`; None: our own). Finished estimates are cached in
+    `folder` (default: a folder in the project's cache); an entry is used again while video, camera, machine and the
+    sources of the system are unchanged. `progress`, called with the name of a part of the work, returns its callback
+    (done, total). Raises ValueError if a system is unknown, or a video and its truth do not belong together.
+    """
+    for system in systems:
+        require_system(system)
+    from simulator.scenes.suite import cache_folder
+
+    prepare = partial(prepare_drive, estimated_pose=estimated_pose, markings=markings)
+    prepared = run_all(prepare, drives, workers=workers, progress=progress and progress("scenes"))
+    tasks = [(drive, system) for drive in prepared for system in systems]
+    estimate = partial(cached_estimates, folder=folder or cache_folder() / "benchmark", workers=workers)
+    paths = run_all(estimate, tasks, workers=workers, progress=progress and progress("benchmark"))
+    return [_result(drive, system, path) for (drive, system), path in zip(tasks, paths, strict=True)]
+
+
+def cached_estimates(task: tuple[PreparedDrive, str], *, folder: Path, workers: int) -> Path:
+    """The file with the estimates of a system for a drive; the system runs if there is no such file yet."""
+    prepared, system = task
+    label = system.replace("/", "-").replace(":", "-")  # an own finder is named file.py:function
+    path = folder / f"{prepared.drive.label}-{label}-{_cache_key(prepared, system)}.npz"
+    if not path.is_file():
+        fps = inspect_video(prepared.drive.require_video()).fps
+        metadata = {"workers": workers, "fps": fps, "machine": describe_machine()}
+        write_estimates(path, run_systems(prepared, [(system, 1)])[0], **metadata)
+    return path
+
+
+def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
+    estimates, metadata = read_estimates(path)
+    drive = prepared.drive
+    try:
+        errors = frame_errors(estimates, read_truth(drive))
+    except ValueError as error:
+        raise ValueError(f"{drive.video}: {error}") from error
+    return Result(drive.label, drive.difficulty, system, errors, prepared.pose, **metadata)
+
+
+def _cache_key(prepared: PreparedDrive, system: str) -> str:
+    """Digits that depend on everything that the estimates depend on."""
+    modules = (estimates, systems, images, video, reader)
+    sources = (Path(inspect.getfile(module)) for module in modules)
+    files = hash_sources(prepared.drive.require_video(), Path(__file__), *sources, *source_files(system))
+    conditions = describe_machine(), AHEAD_M.tolist(), camera_to_dict(prepared.camera), prepared.markings
+    return hashlib.sha256(repr((files, *conditions)).encode()).hexdigest()[:8]

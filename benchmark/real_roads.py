@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-import json
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,7 @@ from typing import Any
 import numpy as np
 
 from benchmark.consistency import describe_z, z_summary
-from benchmark.systems import DETECTOR, TRACKER, ColumnDetector, column_detector
+from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera import Camera, load_camera
 from lanes.console import bounded, progress_line
 from lanes.describe import format_table, number_cells
@@ -32,6 +31,7 @@ from lanes.detect.markings import Markings
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.drive import make_tracker, track_frames
 from lanes.field_of_view import find_field_of_view
+from lanes.files import read_json_lines
 from lanes.images import read_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels
 from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
@@ -59,29 +59,20 @@ Right: every labelled line is matched."""
 
 @dataclass(frozen=True, eq=False)
 class ScoredLane:
-    """The lane found for a label, None without one, its score, and its errors.
+    """The score of what a system found for a label, and the lane with its errors if it is the engine.
 
-    `z` (2, 3) are errors of both lines at COMPARED_AT_M, in standard deviations of the position at a picture row
-    (`row_std_m`), NaN where nothing is compared. `other_lines` is the number of errors above OTHER_LINE_M, which are
-    left out.
+    `lane` is None without one. `z` (2, 3) are errors of both lines at COMPARED_AT_M, in standard deviations of the
+    position at a picture row (`row_std_m`), NaN where nothing is compared. `other_lines` is the number of errors above
+    OTHER_LINE_M, which are left out.
     """
 
     score: StillScore
-    lane: Lane | None
-    z: np.ndarray
+    lane: Lane | None = None
+    z: np.ndarray = field(default_factory=lambda: np.full((2, len(COMPARED_AT_M)), np.nan))
     other_lines: int = 0
 
 
-@dataclass(frozen=True, eq=False)
-class LabelledFolder:
-    """Scores of each system on the labelled stills of one camera, the lanes of the engine, and the pose.
-
-    `engine` is empty if neither tracker nor detector is scored; `estimate` is None if the camera had a pose.
-    """
-
-    scores: dict[str, list[StillScore]]
-    engine: list[ScoredLane]
-    estimate: PoseEstimate | None
+Finder = Callable[[np.ndarray, LaneColumns], ScoredLane]
 
 
 def score_folder(
@@ -91,47 +82,56 @@ def score_folder(
     systems: Sequence[str],
     *,
     markings: Markings | None = None,
-) -> LabelledFolder:
-    """Scores on the labelled pictures of one camera, whose pose is estimated from them if it has none.
+) -> tuple[dict[str, list[ScoredLane]], PoseEstimate | None]:
+    """Scores of each system on the labelled pictures of one camera, and its pose, estimated from them if it has none.
 
-    Each picture is processed independently. Errors are those of `ensure_pose`, and PictureError if a picture is not of
-    the camera's size.
+    Each picture is processed independently. The estimate is None if the camera had a pose. Errors are those of
+    `ensure_pose`, and PictureError if a picture is not of the camera's size.
     """
-    camera, estimate = ensure_pose(lens, files, progress=progress_line("pose"), markings=markings)
-    others = {system: column_detector(system, camera) for system in systems if system not in (TRACKER, DETECTOR)}
-    scores: dict[str, list[StillScore]] = {system: [] for system in systems}
-    engine: list[ScoredLane] = []
+    camera, pose = ensure_pose(lens, files, progress=progress_line("pose"), markings=markings)
+    finders = {system: start_finder(system, camera, pose, markings=markings) for system in systems}
+    scored: dict[str, list[ScoredLane]] = {system: [] for system in finders}
     report = progress_line("stills")
     for done, (label, file) in enumerate(zip(labels, files, strict=True), 1):
         image = camera.require_size(read_image(file), label.name)
-        if len(others) < len(systems):
-            engine.append(_detect(image, label, camera, estimate, markings=markings))
-        for system, some in scores.items():
-            some.append(_score(label, others[system], image, camera) if system in others else engine[-1].score)
+        for system, find in finders.items():
+            scored[system].append(find(image, label))
         report(done, len(labels))
-    return LabelledFolder(scores, engine, estimate)
+    return scored, pose
 
 
-def _detect(image: np.ndarray, label: LaneColumns, camera: Camera, pose: PoseEstimate | None, **how: Any) -> ScoredLane:
-    found, _ = detect_in_drive(image, camera, pose, **how)
-    return score_lane(found.lane, label, found.camera)
+def start_finder(system: str, camera: Camera, pose: PoseEstimate | None, **how: Any) -> Finder:
+    """A function that scores a system on a picture with its label; `how` are options of `detect_in_drive`."""
+    if system in (TRACKER, DETECTOR):
+
+        def detect(image: np.ndarray, label: LaneColumns) -> ScoredLane:
+            found, _ = detect_in_drive(image, camera, pose, **how)
+            return score_lane(found.lane, label, found.camera)
+
+        return detect
+    columns_of = column_detector(system, camera)
+
+    def find(image: np.ndarray, label: LaneColumns) -> ScoredLane:
+        found = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
+        return ScoredLane(score_still(label, found, camera.size))
+
+    return find
 
 
-def _score(label: LaneColumns, columns_of: ColumnDetector, image: np.ndarray, camera: Camera) -> StillScore:
-    found = LaneColumns(label.name, label.rows, np.round(columns_of(image, label.rows), 1), EGO_SIDES)
-    return score_still(label, found, camera.size)
+def lanes_of_engine(scored: Mapping[str, list[ScoredLane]]) -> list[ScoredLane]:
+    """The lanes of tracker or detector, which are the same in single pictures; empty if neither is scored."""
+    return scored.get(TRACKER, scored.get(DETECTOR, []))
 
 
-def describe_labelled(folders: Sequence[LabelledFolder]) -> str:
-    """A table of the scores on the stills of all cameras, a line for each system."""
-    scores = {system: [one for folder in folders for one in folder.scores[system]] for system in folders[0].scores}
-    return format_table(*number_cells({system: summarize(some) for system, some in scores.items()}))
+def describe_labelled(scored: Mapping[str, Sequence[ScoredLane]]) -> str:
+    """A table of the scores, a line for each system."""
+    return format_table(*number_cells({name: summarize([one.score for one in some]) for name, some in scored.items()}))
 
 
 def score_lane(lane: Lane | None, label: LaneColumns, camera: Camera) -> ScoredLane:
     """The score of a lane that is detected in a single picture by `camera`, whose pose it has."""
     if lane is None:
-        return ScoredLane(score_still(label, None, camera.size), None, np.full((2, len(COMPARED_AT_M)), np.nan))
+        return ScoredLane(score_still(label, None, camera.size))
     found = LaneColumns(label.name, label.rows, lane.columns(camera, label.rows), EGO_SIDES, lane.confidence)
     error_m = lateral_errors_m(label.ego_lane(camera.size), found, camera, COMPARED_AT_M)
     other = np.abs(error_m) > OTHER_LINE_M
@@ -184,13 +184,13 @@ def _z_cells(scored: Sequence[ScoredLane]) -> list[str]:
 
 @dataclass(frozen=True, eq=False)
 class RoadSet:
-    """Labelled stills of one camera. `frames` are the clip and frame of each label, if it has one."""
+    """Labelled stills of one camera, and the labels of those that are a frame of a clip, by the number of the frame."""
 
     name: str
     folder: Path
-    labels: tuple[LaneColumns, ...]
-    frames: tuple[tuple[Path, int] | None, ...]
     lens: Camera | None = None
+    labels: list[LaneColumns] = field(default_factory=list)
+    clips: dict[Path, dict[int, LaneColumns]] = field(default_factory=dict)
 
     @property
     def half(self) -> str:
@@ -203,34 +203,33 @@ def read_road_sets(folder: Path, lens: Camera | None = None) -> list[RoadSet]:
 
     Stills named DRIVE_NUMBER in one folder "stills" are a set for each drive.
     """
-    sets: dict[str, list[tuple[LaneColumns, tuple[Path, int] | None]]] = {}
-    lines = filter(str.strip, (folder / "labels.jsonl").read_text().split("\n"))
-    for label, line in zip(read_labels(folder / "labels.jsonl"), lines, strict=True):
-        entry = json.loads(line)
-        frame = (folder / entry["clip"], int(entry["frame"])) if "clip" in entry else None
+    sets: dict[str, RoadSet] = {}
+    file = folder / "labels.jsonl"
+    for label, (_, entry) in zip(read_labels(file), read_json_lines(file, "label"), strict=True):
         drive = Path(label.name).stem.split("_")[0]
         name = f"{label.folder}/{drive}_" if label.folder == "stills" else label.folder
-        sets.setdefault(name, []).append((label, frame))
-    labels_frames = {name: tuple(zip(*some, strict=True)) for name, some in sorted(sets.items())}
-    return [RoadSet(name, folder, labels, frames, lens) for name, (labels, frames) in labels_frames.items()]
+        roads = sets.setdefault(name, RoadSet(name, folder, lens))
+        roads.labels.append(label)
+        if "clip" in entry:
+            roads.clips.setdefault(folder / entry["clip"], {})[int(entry["frame"])] = label
+    return [sets[name] for name in sorted(sets)]
 
 
 def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:
     """Scores of a set's labels in one of the `WAYS`; none if the set has no common pose, or no clip."""
     roads, way = task
     if way == CLIPS:
-        return _score_clips(roads, settings)
+        return [one for clip in sorted(roads.clips) for one in _score_clip(roads, clip, settings)]
     if way == SET and roads.name in SEVERAL_CAMERAS:
         return []
     files = [roads.folder / label.name for label in roads.labels]
-    sizes = [read_image(file).shape[1::-1] for file in files]
     if way == OWN:
-        return [_score_stills(roads, [k], [files[k]], settings)[0] for k in range(len(files))]
-    common = Counter(sizes).most_common(1)[0][0]
+        pairs = zip(roads.labels, files, strict=True)
+        return [one for label, file in pairs for one in _score_stills(roads, [label], [file], settings)]
+    common = Counter(map(_size, files)).most_common(1)[0][0]
     name = roads.folder / roads.name
     stills = find_sources([str(name) if name.is_dir() else f"{name}*"]).stills
-    used = [file for file in stills if read_image(file).shape[1::-1] == common]
-    return _score_stills(roads, range(len(files)), used, settings)
+    return _score_stills(roads, roads.labels, [file for file in stills if _size(file) == common], settings)
 
 
 def score_sets(
@@ -241,50 +240,49 @@ def score_sets(
     return run_all(partial(score_set, settings=settings or TrackerSettings()), tasks, workers=workers)
 
 
+def _size(file: Path) -> tuple[int, int]:
+    height, width = read_image(file).shape[:2]
+    return width, height
+
+
 def _camera(size: tuple[int, int], file: Path) -> Camera:
     return Camera.from_fov(size, find_field_of_view([file]).across(size))
 
 
 def _score_stills(
-    roads: RoadSet, chosen: Iterable[int], files: Sequence[Path], settings: TrackerSettings
+    roads: RoadSet, labels: Sequence[LaneColumns], files: Sequence[Path], settings: TrackerSettings
 ) -> list[ScoredLane]:
     """Scores of some labels; the pose is that of `files`, which have one size."""
-    camera = roads.lens or _camera(read_image(files[0]).shape[1::-1], files[0])
     source = read_image(files[0]) if len(files) == 1 else files
-    camera, pose = ensure_pose(camera, source, settings=settings.detector)
+    camera, pose = ensure_pose(roads.lens or _camera(_size(files[0]), files[0]), source, settings=settings.detector)
+    find = start_finder(DETECTOR, camera, pose, settings=settings.detector)
     scores = []
-    for label in (roads.labels[k] for k in chosen):
+    for label in labels:
         image = read_image(roads.folder / label.name)
         same_size = image.shape[1::-1] == camera.size
-        how = {"settings": settings.detector}
-        scores.append(_detect(image, label, camera, pose, **how) if same_size else score_lane(None, label, camera))
+        scores.append(find(image, label) if same_size else score_lane(None, label, camera))
     return scores
 
 
-def _score_clips(roads: RoadSet, settings: TrackerSettings) -> list[ScoredLane]:
-    """Scores of the labels with a clip, which is tracked up to its last labelled frame."""
-    scores, clips = [], dict[Path, dict[int, LaneColumns]]()
-    for label, frame in zip(roads.labels, roads.frames, strict=True):
-        if frame:
-            clips.setdefault(frame[0], {})[frame[1]] = label
-    for clip, labels in sorted(clips.items()):
-        info = inspect_video(clip)
-        camera = _camera((info.width, info.height), clip)
-        camera, pose = ensure_pose(camera, sample_images([clip], POSE_PICTURES), settings=settings.detector)
-        tracker = make_tracker(info.fps, camera, pose, None, settings)
-        with closing(read_frames(clip, info)) as frames:
-            for number, (_, lane) in enumerate(track_frames(frames, tracker)):
-                if number in labels:
-                    label = _at_size(roads.folder, labels[number], tracker.camera.size)
-                    scores.append(score_lane(lane, label, tracker.camera))
-                if number == max(labels):
-                    break
+def _score_clip(roads: RoadSet, clip: Path, settings: TrackerSettings) -> list[ScoredLane]:
+    """Scores of the labels of a clip, which is tracked up to its last labelled frame."""
+    scores, labels, info = [], roads.clips[clip], inspect_video(clip)
+    camera = _camera((info.width, info.height), clip)
+    camera, pose = ensure_pose(camera, sample_images([clip], POSE_PICTURES), settings=settings.detector)
+    tracker = make_tracker(info.fps, camera, pose, None, settings)
+    with closing(read_frames(clip, info)) as frames:
+        for number, (_, lane) in enumerate(track_frames(frames, tracker)):
+            if number in labels:
+                label = _at_size(roads.folder, labels[number], tracker.camera.size)
+                scores.append(score_lane(lane, label, tracker.camera))
+            if number == max(labels):
+                break
     return scores
 
 
 def _at_size(folder: Path, label: LaneColumns, size: tuple[int, int]) -> LaneColumns:
     """A label of a still as one of the clip's frames, which have another width if the clip's pixels are not square."""
-    height, width = read_image(folder / label.name).shape[:2]
+    width, height = _size(folder / label.name)
     columns = np.where(label.columns >= 0, label.columns * size[0] / width, label.columns)
     return replace(label, columns=columns, rows=label.rows * size[1] / height)
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmark.errors import FrameErrors, NormalizedErrors, joined, recovery_lengths
+from benchmark.errors import FrameErrors, joined, recovery_lengths
 from benchmark.estimates import AHEAD_M
 
 # Distances ahead, each with its own columns in the table.
@@ -27,8 +27,7 @@ class Result:
     """The errors of one system on one scene, and the conditions of the measurement.
 
     `pose` is the source of the camera pose: "true" or "estimated". `workers` and `machine` (see
-    `describe_machine`) are the number of processes and the machine of the time measurement. `normalized` are the errors
-    in stated standard deviations, None for a system that states none.
+    `describe_machine`) are the number of processes and the machine of the time measurement.
     """
 
     scene: str
@@ -39,7 +38,6 @@ class Result:
     workers: int = 1
     fps: float = 25.0
     machine: str = ""
-    normalized: NormalizedErrors | None = None
 
 
 RESAMPLINGS, SEED = 4000, 0
@@ -56,6 +54,12 @@ def frame_clusters(frames: Sequence[int], fps: Sequence[float]) -> np.ndarray:
     if len(frames) == 1:
         return (np.arange(frames[0]) / (BLOCK_S * fps[0])).astype(int)
     return np.repeat(np.arange(len(frames)), frames)
+
+
+def joined_frames(group: Sequence[Result]) -> tuple[FrameErrors, np.ndarray]:
+    """The errors of the N frames of some drives, joined, and their clusters (N,)."""
+    every = joined([result.errors for result in group])
+    return every, frame_clusters([len(result.errors.exists) for result in group], [result.fps for result in group])
 
 
 def mean_interval(values: np.ndarray, clusters: np.ndarray) -> tuple[float, float]:
@@ -105,30 +109,26 @@ def by_difficulty(results: Iterable[Result]) -> dict[tuple[str, str], list[Resul
     return groups
 
 
-def score_rows(results: Iterable[Result]) -> list[Row]:
-    """A row for each scene and system: names and conditions, then the numbers of `score`, and a comparison."""
-    return _compared_rows([(result.scene, [result]) for result in results])
-
-
-def total_rows(results: Sequence[Result]) -> list[Row]:
-    """A row for each difficulty and system, over the frames of all scenes of that difficulty."""
-    groups = by_difficulty(results)
-    return _compared_rows([(total_name(difficulty), group) for (difficulty, _), group in groups.items()])
-
-
 def total_name(difficulty: str) -> str:
     """The name in the column "scene" of a row over all scenes of a difficulty."""
     return f"all {difficulty}"
 
 
-def _compared_rows(groups: Sequence[tuple[str, Sequence[Result]]]) -> list[Row]:
-    """Rows of named results, with the 95 % interval of the accuracy, and the mark of the best ones of the same name.
+def row_groups(results: Sequence[Result]) -> list[tuple[str, list[Result]]]:
+    """Name and results of each row of a table: each scene and system, then each difficulty and system."""
+    totals = [(total_name(difficulty), group) for (difficulty, _), group in by_difficulty(results).items()]
+    return [(result.scene, [result]) for result in results] + totals
 
-    The mark is 1 or 0 (see `among_best`); NaN without another system.
+
+def score_rows(results: Sequence[Result]) -> list[Row]:
+    """A row for each of the `row_groups`: names and conditions, the numbers of `score`, and a comparison.
+
+    The latter is the 95 % interval of the accuracy, and the mark of the best systems of a scene or difficulty: 1 or 0
+    (see `among_best`), NaN without another system.
     """
-    compared: dict[tuple[str, int], list[Sequence[Result]]] = {}
+    compared: dict[tuple[str, int], list[list[Result]]] = {}
     seen: Counter[tuple[str, str]] = Counter()
-    for name, group in groups:
+    for name, group in row_groups(results):
         key = name, group[0].system
         # two videos may have the same name
         compared.setdefault((name, seen[key]), []).append(group)
@@ -165,8 +165,7 @@ def _successes(group: Sequence[Result]) -> tuple[np.ndarray, np.ndarray]:
 
     A success is a correct frame; if no frame has a true lane, one that is not confident and wrong.
     """
-    every = joined([result.errors for result in group])
-    clusters = frame_clusters([len(result.errors.exists) for result in group], [result.fps for result in group])
+    every, clusters = joined_frames(group)
     if not every.exists.any():
         return ~every.confident_and_wrong, clusters
     return every.correct[every.exists], clusters[every.exists]
@@ -194,9 +193,9 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
     """
     every = joined(drives)
     losses = [length for drive in drives for length in recovery_lengths(drive.correct[drive.exists])]
-    measured = {f"lateral_{x:.0f}m": every.lateral_m[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
-    measured["lateral_5_20m"] = every.near_rms_m
-    units = dict.fromkeys(measured, "m") | {"offset": "m", "heading": "rad", "curvature": "per_m"}
+    errors = {(f"lateral_{x:.0f}m", "m"): every.lateral_m[:, int(np.argmax(x == AHEAD_M))] for x in TABLE_AHEAD_M}
+    errors |= {("lateral_5_20m", "m"): every.near_rms_m, ("offset", "m"): every.offset_m}
+    errors |= {("heading", "rad"): every.heading_rad, ("curvature", "per_m"): every.curvature_per_m}
     row = {
         "frames": float(len(every.exists)),
         "lane_frames": float(every.exists.sum()),
@@ -204,8 +203,7 @@ def score(drives: Sequence[FrameErrors]) -> dict[str, float]:
         "accuracy": _share(every.correct[every.exists]),
         "confident_and_wrong_share": _share(every.confident_and_wrong),
     }
-    for name, unit in units.items():
-        values = measured[name] if name in measured else getattr(every, f"{name}_{unit}")
+    for (name, unit), values in errors.items():
         row[f"{name}_median_{unit}"], row[f"{name}_p95_{unit}"] = (percentile(values, at) for at in (50, 95))
     row["recovery_median_frames"] = percentile(np.array(losses or [0], float), 50)
     row["recovery_longest_frames"] = float(max(losses, default=0))

@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from fractions import Fraction
 from functools import lru_cache, partial
@@ -67,7 +67,7 @@ def describe_speed(video: Path) -> str:
     """Tables of the speed on a video with its camera file (.yaml) next to it, and the machine."""
     camera, machine = load_camera(video.with_suffix(".yaml")), f"{describe_machine()}; {describe_load()}"
     with closing(read_video(video)) as frames:
-        of_frames = time_frames(list(islice(frames, FRAMES)), camera)
+        of_frames = time_frames(list(islice(frames, FRAMES)), camera, all_systems(camera))
     of_files = time_files(video, camera)
     tables = ({name: [f"{x:.2f}" for x in some] for name, some in of.items()} for of in (of_frames, of_files))
     frame_cells, file_cells = tables
@@ -79,17 +79,23 @@ def describe_speed(video: Path) -> str:
     )
 
 
-def time_frames(frames: Sequence[np.ndarray], camera: Camera, *, rounds: int = 3) -> dict[str, FrameTime]:
-    """CPU time of each system for consecutive frames (height, width, 3) uint8; the first WARM_UP do not count.
-
-    The systems are the tracker while tracking and cold (reset before each frame), and each recipe. They take turns. The
-    frames are in memory, because the threads of a decoder would count.
-    """
-    systems: dict[str, Callable[[], Process]] = {
+def all_systems(camera: Camera) -> dict[str, Callable[[], Process]]:
+    """The start of each system: the tracker while tracking and cold (reset before each frame), and each recipe."""
+    return {
         TRACKING: lambda: track_lane(LaneTracker(camera)),
         COLD: lambda: _start_cold(camera),
         **{name: partial(_start_recipe, name, camera) for name in RECIPES},
     }
+
+
+def time_frames(
+    frames: Sequence[np.ndarray], camera: Camera, systems: Mapping[str, Callable[[], Process]], *, rounds: int = 3
+) -> dict[str, FrameTime]:
+    """CPU time of each system for consecutive frames (height, width, 3) uint8; the first WARM_UP do not count.
+
+    A system starts anew in each round, and may draw on the frames. The systems take turns. The frames are in memory,
+    because the threads of a decoder would count.
+    """
     seconds: dict[str, list[np.ndarray]] = {name: [] for name in systems}
     with opencv_threads(1):
         for _ in range(rounds):

@@ -10,8 +10,8 @@ detector has none: it is what the tracker does in a single picture.
 
 from __future__ import annotations
 
-import importlib.util
 import inspect
+import runpy
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -64,7 +64,7 @@ def start_system(
     1 / fps, and one that makes the estimate of what it returns.
 
     A frame is (height, width, 3) uint8 RGB with lens distortion. Only the first function counts in the time of a
-    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see `benchmark.own_finder`);
+    system. `system` is a name of `SYSTEMS`, "file.py:function", or a finder itself (see docs/own_finder.md);
     `settings` are those of the tracker, `markings` those of tracker and detector (`lanes.find_lane`). Raises ValueError
     if the system is unknown.
     """
@@ -127,15 +127,9 @@ def lane_estimate(lane: Lane | None) -> LaneEstimate:
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
     """A recipe's estimate for a frame: a lane if both lines are measured or remembered; no confidence."""
-    left, right, lines_m = result.left_road, result.right_road, result.lateral_m(ALONG_M)
-    if left is None or right is None or lines_m is None:
-        return {}
-    return {
-        "lines_m": road_points(ALONG_M, lines_m),
-        "offset_m": result.offset_m,
-        "heading_rad": np.arctan((left.c1 + right.c1) / 2),
-        "curvature_per_m": result.curvature_per_m,
-    }
+    roads = result.left_road, result.right_road
+    lines = [(road.c2_per_m / 2, road.c1, road.c0_m) for road in roads if road]
+    return estimate_from_lines(lines if len(lines) == 2 else None)
 
 
 def _own_columns(lines: Lines | None, camera: Camera, rows: np.ndarray) -> np.ndarray:
@@ -190,17 +184,13 @@ def load_finder(system: str) -> OwnFinder:
     file = Path(path)
     if not file.is_file():
         raise ValueError(f"{file}: there is no such file; name your finder as file.py:function.")
-    spec = importlib.util.spec_from_file_location(file.stem, file)
-    if spec is None or spec.loader is None:
-        raise ValueError(f"{file}: is not a Python file; name your finder as file.py:function.")
-    module = importlib.util.module_from_spec(spec)
     try:
-        spec.loader.exec_module(module)
+        finder = runpy.run_path(path, run_name=file.stem).get(name)
     except Exception as error:
         raise ValueError(f"{file}: cannot be executed ({type(error).__name__}: {error}); correct it.") from error
-    if not callable(getattr(module, name, None)):
+    if not callable(finder):
         raise ValueError(f"{file}: has no function {name!r}; name your finder as file.py:function.")
-    return getattr(module, name)
+    return finder
 
 
 def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
@@ -213,10 +203,10 @@ def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
     if len(lines) != 2:
         raise ValueError(f"a finder returns two lines or None, but this one returned {len(lines)}.")
     shapes = [np.poly1d(line) for line in lines]
-    slope, bend = (np.mean([shape.deriv(order)(0.0) for shape in shapes]) for order in (1, 2))
+    lateral_m, slopes, bends = np.array([[shape.deriv(order)(0.0) for shape in shapes] for order in (0, 1, 2)])
     return {
         "lines_m": road_points(ALONG_M, np.array([shape(ALONG_M) for shape in shapes])),
-        "offset_m": -np.mean([shape(0.0) for shape in shapes]),
-        "heading_rad": np.arctan(slope),
-        "curvature_per_m": bend / (1 + slope**2) ** 1.5,
+        "offset_m": -lateral_m.mean(),
+        "heading_rad": np.arctan(slopes.mean()),
+        "curvature_per_m": np.mean(bends / (1 + slopes**2) ** 1.5),
     }

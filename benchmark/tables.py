@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from itertools import groupby
 from pathlib import Path
 
@@ -36,7 +36,7 @@ def describe_scores(rows: Iterable[Row]) -> str:
         group = list(same_scene)
         lines.append(f"{scene} ({difficulty}, {group[0]['frames']:.0f} frames)")
         for row in group:
-            cells = "".join(cell(row).rjust(width) for *_, width, cell in COLUMNS)
+            cells = "".join(f" {cell(row)}".rjust(width) for *_, width, cell in COLUMNS)
             lines.append(f"  {row['system']}".ljust(NAME_WIDTH) + cells)
     return "\n".join(lines)
 
@@ -67,8 +67,7 @@ def results_table(path: str | Path) -> str:
     lines = []
     for (scene, difficulty), group in groupby(rows, key=lambda row: (row["scene"], row["difficulty"])):
         by_system = {row["system"]: row for row in group}
-        best = _best_systems(by_system)
-        cells = [_markdown_cell(by_system[name], name in best) if name in by_system else "" for name in systems]
+        cells = [_markdown_cell(by_system[name]) if name in by_system else "" for name in systems]
         lines.append([scene, difficulty, *cells])
     return markdown_table(["scene", "difficulty", *systems], lines)
 
@@ -98,22 +97,7 @@ def _value(name: str, text: str | None) -> str | float:
     return text if name in ("scene", "difficulty", "system", "pose", "machine") else float(text or "nan")
 
 
-def _share_of_success(row: Row) -> float:
-    """Accuracy; in scenes without a lane the share of frames that are not confident and wrong."""
-    accuracy = float(row["accuracy"])
-    return 1 - float(row["confident_and_wrong_share"]) if math.isnan(accuracy) else accuracy
-
-
-def _best_systems(by_system: Mapping[str, Row]) -> set[str]:
-    """The systems that are marked as best; those with the highest share where rows of several runs are shown."""
-    marks = {name: float(row.get("among_best", math.nan)) for name, row in by_system.items()}
-    if not any(map(math.isnan, marks.values())):
-        return {name for name, mark in marks.items() if mark}
-    shares = {name: _share_of_success(row) for name, row in by_system.items()}
-    return {name for name, share in shares.items() if share == max(shares.values())}
-
-
-def _markdown_cell(row: Row, best: bool) -> str:
+def _markdown_cell(row: Row) -> str:
     if math.isnan(float(row["accuracy"])):
         text = f"{row['confident_and_wrong_share']:.1%} false"
     else:
@@ -122,7 +106,7 @@ def _markdown_cell(row: Row, best: bool) -> str:
             interval = f" {describe_interval(float(row['accuracy_low']), float(row['accuracy_high']))}"
         error_m = float(row["lateral_5_20m_p95_m"])
         text = f"{row['accuracy']:.1%}{interval}, {'lost' if math.isnan(error_m) else f'{error_m:.2f} m'}"
-    return f"**{text}**" if best else text
+    return f"**{text}**" if row.get("among_best") == 1 else text
 
 
 def describe_interval(low: float, high: float) -> str:

@@ -73,16 +73,12 @@ class Dataset:
 
     def true_camera(self) -> Camera | None:
         """The true camera of the test pictures, from truth.json; None without that file."""
-        path = self.root / "test_images" / "truth.json"
-        return _read_truth(path, lambda truth: camera_from_dict(truth["camera"])) if path.is_file() else None
+        return _read_truth(self.root / "test_images", lambda truth: camera_from_dict(truth["camera"]))
 
     def true_lane(self, still: Path) -> dict | None:
         """The entry of a test picture in truth.json (keys: simulator/road/truth.py); None without one."""
-        path = still.parent / "truth.json"
-        if not path.is_file():
-            return None
-        frames = _read_truth(path, lambda truth: {Path(frame["raw_file"]).name: frame for frame in truth["frames"]})
-        return frames.get(still.name)
+        frames = _read_truth(still.parent, lambda truth: {Path(f["raw_file"]).name: f for f in truth["frames"]})
+        return frames and frames.get(still.name)
 
     def labels(self) -> dict[str, LaneColumns]:
         """The hand-made ego lanes of the test pictures by file name, from labels.jsonl; empty without that file."""
@@ -106,8 +102,11 @@ class Dataset:
         return read_telemetry(path) if path.is_file() else None
 
 
-def _read_truth(path: Path, select: Callable[[dict], Part]) -> Part:
-    """The part of a truth file that `select` returns."""
+def _read_truth(folder: Path, select: Callable[[dict], Part]) -> Part | None:
+    """The part of the truth of a folder of pictures that `select` returns; None without a truth file."""
+    path = folder / "truth.json"
+    if not path.is_file():
+        return None
     try:
         return select(json.loads(read_text(path, "truth")))
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as error:

@@ -13,7 +13,7 @@ Without FOLDER there are only the rendered columns, with `--scenes none` only th
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from benchmark.consistency import consistency
-from benchmark.errors import FrameErrors, NormalizedErrors, frame_errors, joined, normalize_errors
+from benchmark.errors import FrameErrors, frame_errors, joined
 from benchmark.evaluation import PreparedDrive, choose_drives, prepare_drive, read_truth, run_systems
-from benchmark.real_roads import WAYS, ScoredLane, add_road_arguments, read_road_sets, score_sets
+from benchmark.real_roads import WAYS, RoadSet, ScoredLane, add_road_arguments, read_road_sets, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_table
@@ -106,31 +106,21 @@ MECHANISMS = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Measurement:
-    """What the tracker got wrong in the frames of a drive; `normalized` is None in scenes without a lane."""
-
-    errors: FrameErrors
-    normalized: NormalizedErrors | None
-
-
-def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> Measurement:
+def measure(task: tuple[Mechanism, PreparedDrive], *, end_s: float | None = None) -> FrameErrors:
     """The errors of the tracker without a mechanism on a drive, before the time `end_s`."""
     mechanism, drive = task
     (estimates,) = run_systems(drive, [(TRACKER, 1)], end_s=end_s, settings=mechanism.settings())
-    truth = read_truth(drive.drive).select(slice(len(estimates.offset_m)))
-    return Measurement(frame_errors(estimates, truth), normalize_errors(estimates, truth))
+    return frame_errors(estimates, read_truth(drive.drive).select(slice(len(estimates.offset_m))))
 
 
-def rendered_cells(off: Sequence[Measurement], on: Sequence[Measurement]) -> list[str]:
-    """Cells of the table from measurements of the same rendered drives without and with a mechanism."""
-    without, usual = joined([one.errors for one in off]), joined([one.errors for one in on])
+def rendered_cells(off: Sequence[FrameErrors], on: Sequence[FrameErrors]) -> list[str]:
+    """Cells of the table from the errors in the same rendered drives without and with a mechanism."""
+    without, usual = joined(off), joined(on)
     exists = usual.exists
     gained = 100.0 * (without.correct.astype(int) - usual.correct)[exists]
-    clusters = frame_clusters([len(one.errors.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
+    clusters = frame_clusters([len(one.exists) for one in on], [VIDEO_FPS] * len(on))[exists]
     low, high = mean_interval(gained, clusters)
-    row = score([one.errors for one in off])
-    nees = consistency(one.normalized for one in off if one.normalized)["nees_mean"]
+    row, nees = score(off), consistency(off)["nees_mean"]
     change = f"{gained.mean():+.1f} ({low:+.1f} to {high:+.1f})"
     return [f"{row['accuracy']:.1%}", change, f"{row['lateral_5_20m_p95_m']:.3f} m", f"{nees:.2f}"]
 
@@ -150,26 +140,21 @@ REAL_COLUMNS = [heading for way in WAYS for heading in (f"{way}, points", "right
 RENDERED_COLUMNS = ["rendered", "off minus on", "95 % error", "NEES / 4"]
 
 
-def choose_columns(options: argparse.Namespace) -> list[tuple[list[str], Callable, Callable]]:
-    """The kinds of roads that are asked for: headings, what is found without a mechanism, and the cells of that."""
-    kinds: list[tuple[list[str], Callable, Callable]] = []
-    if options.folder:
-        sets = [roads for roads in read_road_sets(options.folder) if roads.half in options.half]
+def choose_roads(options: argparse.Namespace) -> tuple[list[RoadSet], list[PreparedDrive]]:
+    """The labelled sets and the rendered drives that are asked for."""
+    sets = read_road_sets(options.folder) if options.folder else []
+    chosen = choose_drives(options.scenes, seed=options.seed) if options.scenes != ["none"] else []
+    drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
+    return [roads for roads in sets if roads.half in options.half], drives
 
-        def look_at_roads(mechanism: Mechanism) -> list[list[ScoredLane]]:
-            found = (score_sets(sets, way, mechanism.settings(), workers=options.workers) for way in WAYS)
-            return [[one for some in of_way for one in some] for of_way in found]
 
-        kinds.append((REAL_COLUMNS, look_at_roads, real_cells))
-    if options.scenes != ["none"]:
-        chosen = choose_drives(options.scenes, seed=options.seed)
-        drives = run_all(prepare_drive, chosen, workers=options.workers, progress=progress_line("scenes"))
-
-        def look_at_drives(mechanism: Mechanism) -> list[Measurement]:
-            return run_all(measure, [(mechanism, drive) for drive in drives], workers=options.workers)
-
-        kinds.append((RENDERED_COLUMNS, look_at_drives, rendered_cells))
-    return kinds
+def measure_all(
+    mechanism: Mechanism, sets: Sequence[RoadSet], drives: Sequence[PreparedDrive], *, workers: int
+) -> tuple[list[list[ScoredLane]], list[FrameErrors]]:
+    """What is found without a mechanism: the lanes on real roads in each of the `WAYS`, and the errors in drives."""
+    ways = (score_sets(sets, way, mechanism.settings(), workers=workers) for way in WAYS if sets)
+    errors = run_all(measure, [(mechanism, drive) for drive in drives], workers=workers)
+    return [[one for some in of_way for one in some] for of_way in ways], errors
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -194,13 +179,15 @@ def main() -> None:
     if options.together:
         off = {path: value for mechanism in rows for path, value in mechanism.off.items()}
         rows = [Mechanism(" + ".join(mechanism.name for mechanism in rows), "together", off)]
-    kinds = choose_columns(options)
-    headings = ["switched off", "what it does", *(heading for columns, *_ in kinds for heading in columns)]
-    print(markdown_table(headings, []), flush=True)
-    on = [look(ALL_ON) for _, look, _ in kinds]
+    sets, drives = choose_roads(options)
+    columns = (REAL_COLUMNS if sets else []) + (RENDERED_COLUMNS if drives else [])
+    print(markdown_table(["switched off", "what it does", *columns], []), flush=True)
+    lanes_on, errors_on = measure_all(ALL_ON, sets, drives, workers=options.workers)
     for mechanism in (ALL_ON, *rows):
-        found = on if mechanism is ALL_ON else [look(mechanism) for _, look, _ in kinds]
-        cells = [cell for (*_, to_cells), *both in zip(kinds, found, on, strict=True) for cell in to_cells(*both)]
+        lanes, errors = lanes_on, errors_on
+        if mechanism is not ALL_ON:
+            lanes, errors = measure_all(mechanism, sets, drives, workers=options.workers)
+        cells = real_cells(lanes, lanes_on) + (rendered_cells(errors, errors_on) if drives else [])
         print(f"| {' | '.join([mechanism.name, mechanism.description, *cells])} |", flush=True)
 
 

@@ -23,11 +23,11 @@ from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.real_roads import WAYS, RoadSet, read_road_sets, score_set
 from benchmark.scores import mean_interval
-from benchmark.systems import lane_estimate
+from benchmark.systems import PROJECTED_AT_M, lane_estimate, project_lines
 from lanes.camera import Camera, CameraPose
 from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
-from lanes.detect.lane import Lane, columns_at
+from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.detect.search import find_lane
 from lanes.errors import PoseError
@@ -40,7 +40,7 @@ from simulator.not_roads import KINDS, not_a_road
 from simulator.painted_drive import CAMERA, DASH_M, TAR, WORN_WHITE, WORN_YELLOW, PaintedDrive, Stripe
 from simulator.processes import run_all
 from simulator.rendering.drive import Motion
-from simulator.rendering.render import Frame, render_frame
+from simulator.rendering.render import render_frame
 from simulator.road.geometry import FLAT, RoadGeometry
 from simulator.road.truth import truth_row
 from simulator.scenes.suite import SUITE
@@ -169,8 +169,8 @@ def samples_of_painted_drive(
     return label_lanes(map(drive.frame, times), camera, truth, group=f"painted {seed}", markings=markings)
 
 
-# Sizes of photos of scenes.
-SIZES = ((640, 360), (960, 540), (640, 480), (854, 480))
+# Sizes of photos of scenes, and the distance of their labelled rows as a share of the width.
+SIZES, ROW_STEP = ((640, 360), (960, 540), (640, 480), (854, 480)), 5 / 1280
 
 
 def flat_scenes() -> list[str]:
@@ -179,33 +179,17 @@ def flat_scenes() -> list[str]:
 
 
 def take_photo(scene: str, rng: np.random.Generator) -> tuple[np.ndarray, LaneColumns]:
-    """A picture of a random moment of a scene, taken with a random camera, and its lines for a width of 1280 px."""
+    """A picture of a random moment of a scene, taken with a random camera, and its lines."""
     pose = CameraPose(rng.uniform(1.1, 2.1), *np.radians(rng.normal(0, [3.0, 2.0, 0.7])))
     camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
     drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
     frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
-    return frame.image, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad)))
-
-
-def enlarged(camera: Camera) -> Camera:
-    """The camera for pictures 1280 px wide: the tolerance of the labels is for this width."""
-    return camera.scaled((1280, round(camera.height * 1280 / camera.width)))
-
-
-def true_lines(scene: str, frame: Frame, camera: Camera) -> LaneColumns:
-    """Columns of both lines in each fifth picture row from a little below the horizon on; -2 without a lane."""
-    horizon = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1]
-    rows = np.arange(np.ceil(horizon + 0.06 * camera.height), camera.height, 5)
-    x = np.geomspace(3, 80, 400)
-    pixels = (camera.road_to_pixels(np.column_stack([x, frame.truth.line_y(side, x)])) for side in (0, 1))
-    outlines = [line[np.isfinite(line[:, 0])] for line in pixels]
-    return LaneColumns(scene, rows, columns_at(rows, outlines, camera), EGO_SIDES)
-
-
-def right_in_picture(lane: Lane, camera: Camera, label: LaneColumns) -> bool:
-    """Whether both lines of a lane are right in a picture, as for hand-made labels; `camera` is the estimated one."""
-    found = LaneColumns("found", label.rows, lane.columns(enlarged(camera), label.rows), EGO_SIDES)
-    return bool(score_still(label, found).right)
+    camera = drive.camera_at_pitch(frame.truth.pitch_rad)
+    # from a little below the horizon on
+    first_row = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1] + 0.06 * camera.height
+    rows = np.arange(first_row, camera.height, ROW_STEP * camera.width)
+    lines_m = [frame.truth.line_y(side, PROJECTED_AT_M) for side in (0, 1)]
+    return frame.image, LaneColumns(scene, rows, project_lines(lines_m, camera, rows), EGO_SIDES)
 
 
 def find_with_own_pose(image: np.ndarray) -> tuple[Camera | None, Lane | None]:
@@ -260,7 +244,9 @@ def samples_of_photos(number: int) -> list[Sample]:
         image, label = take_photo(scene, rng)
         camera, lane = find_with_own_pose(image)
         if camera and lane:
-            samples.append(Sample(PHOTO, f"photo {number}", lane.features, right_in_picture(lane, camera, label)))
+            found = LaneColumns("found", label.rows, lane.columns(camera, label.rows), EGO_SIDES)
+            right = bool(score_still(label, found, camera.size).right)
+            samples.append(Sample(PHOTO, f"photo {number}", lane.features, right))
     return samples
 
 

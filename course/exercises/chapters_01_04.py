@@ -8,7 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.measures import lane_widths_px
 from helpers import FourPointWarp, metres_per_pixel
 from lanes.camera import Camera
@@ -181,11 +181,3 @@ def check_four_points(
     )
     require_equal(widths, [true_m] * 3, {}, otherwise, said=f"the lane is {text} m wide", atol=WIDTH_TOLERANCE_M)
     return f"the lane is {text} m wide at 7, 15 and 30 m (true {true_m:.2f} m)."
-
-
-CHECKS: Checks = {
-    "1.1": check_best_ruler,
-    "2.1": check_board_errors,
-    "3.1": check_undistort_pixel,
-    "4.1": check_four_points,
-}

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.measures import STEPS_M, compare_markings
 from course.plots import plot_series, show_pictures
 from helpers import (
@@ -408,13 +408,3 @@ def _judge_drive(before: np.ndarray, after: np.ndarray, truth: Mapping[str, np.n
         f"the offset was wrong by up to {worst_before:.1f} m, now by {worst:.1f} m; {found:.0%} of the frames have a "
         "lane."
     )
-
-
-CHECKS: Checks = {
-    "5.1": check_paint_mask,
-    "6.1": check_lane_width,
-    "6.2": check_coasting,
-    "7.1": check_ransac_choice,
-    "8.1": check_bar,
-    "8.2": check_sanity,
-}

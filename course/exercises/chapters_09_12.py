@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.plots import LEGEND_ABOVE, TRUTH_LOOK
 from lanes.camera import Camera, CameraPose
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR
@@ -346,12 +346,3 @@ def simulate_drive() -> tuple[np.ndarray, np.ndarray]:
     wrong = rng.choice(np.arange(5, COUNT), WRONG_COUNT, replace=False)
     measurements[wrong, 0] += 2 * LANE_M * rng.choice([-1, 1], WRONG_COUNT)
     return states[:, 0], measurements
-
-
-CHECKS: Checks = {
-    "9.1": check_pitch_error,
-    "10.1": check_stripe_response,
-    "11.1": check_known_width,
-    "12.1": check_noise,
-    "12.2": check_gate,
-}

@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmark.evaluation import COMMITTED, PROJECT_ROOT
 from benchmark.systems import OwnFinder
-from course.exercises.hints import Checks, HintError, require, require_equal, require_shape, tried
+from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.measures import score_finders
 from lanes.camera import Camera, load_camera
 from lanes.detect.lane import Lane
@@ -259,11 +259,3 @@ def check_loss_gradient(gradient: Callable[..., tuple[np.ndarray, float]]) -> st
 def _loss(inputs: np.ndarray, is_paint: np.ndarray, parameters: np.ndarray) -> float:
     log_odds = inputs @ parameters
     return float(np.logaddexp(0, np.where(is_paint, -log_odds, log_odds)).mean())
-
-
-CHECKS: Checks = {
-    "13.1": check_occlusion_map,
-    "14.1": check_largest_share,
-    "15.1": check_honest_finder,
-    "16.1": check_loss_gradient,
-}

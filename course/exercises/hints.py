@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 Answer = TypeVar("Answer")
-# The checks by exercise: each takes the answer, and by name what the exercise gives it. It returns a sentence with the
-# number reached, for example "3.58 m (truth 3.66 m).", or raises a `HintError`.
-Checks = dict[str, Callable[..., str]]
 
 
 class HintError(Exception):

@@ -1,4 +1,4 @@
-"""`python -m benchmark` as a process, and its runner."""
+"""`python -m benchmark` as a process, and the evaluation of drives."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pathlib import Path
 import pytest
 
 import helpers
-from benchmark import estimates, evaluation, runner, systems
+from benchmark import estimates, evaluation, systems
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import (
     CUSTOM,
     BenchmarkDrive,
     PreparedDrive,
+    cached_estimates,
     choose_drives,
-    ensure_video,
     list_drives,
     prepare_drive,
     read_truth,
+    run_benchmark,
     run_systems,
 )
-from benchmark.runner import cached_estimates, run_benchmark
 from benchmark.speed import describe_machine
 from benchmark.systems import SYSTEMS
 from benchmark.tables import read_scores
@@ -111,7 +111,7 @@ def test_the_scenes_are_listed(capsys):
 def test_the_options_reach_the_run(monkeypatch):
     """The committed video is variant 0 of its scene; another one is rendered."""
     asked = []
-    monkeypatch.setattr(runner, "run_benchmark", lambda *given, **options: asked.append((*given, options)) or 1 / 0)
+    monkeypatch.setattr(evaluation, "run_benchmark", lambda *given, **options: asked.append((*given, options)) or 1 / 0)
     words = ["motorway", "--seed", "3", "--estimated-pose", "--workers", "2", "--system", "tracker,detector"]
     with pytest.raises(ZeroDivisionError):
         main(["benchmark", *words])
@@ -121,13 +121,13 @@ def test_the_options_reach_the_run(monkeypatch):
     assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
     assert (variant.video, variant.label, variant.difficulty) == (None, "motorway-3", drive.difficulty)
     monkeypatch.setattr("simulator.scenes.suite.render_scene", lambda name, *, seed, **_: Path(f"{name}, seed {seed}"))
-    assert ensure_video(variant).video == Path("motorway, seed 3")
+    assert variant.require_video() == Path("motorway, seed 3")
 
 
-class TestRunner:
+class TestEvaluation:
     def test_finished_estimates_are_not_computed_again(self, prepared, tmp_path, monkeypatch):
         path = cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1)
-        monkeypatch.setattr(runner, "run_systems", lambda *_: pytest.fail("computed again"))
+        monkeypatch.setattr(evaluation, "run_systems", lambda *_: pytest.fail("computed again"))
         assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
@@ -143,7 +143,7 @@ class TestRunner:
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
         read_bytes, seen = Path.read_bytes, set()
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
-        monkeypatch.setattr(runner, "run_systems", lambda *_: [DriveEstimates.from_frames([], [])])
+        monkeypatch.setattr(evaluation, "run_systems", lambda *_: [DriveEstimates.from_frames([], [])])
         cached_estimates((prepared, system), folder=tmp_path, workers=1)
         common = (estimates, evaluation, systems, images, reader, camera)
         assert {Path(module.__file__) for module in (*common, source)} <= seen

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import consistency
-from benchmark.errors import QUANTITIES, LaneTruth, normalize_errors
+from benchmark.errors import QUANTITIES, LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, DriveEstimates
 from tests.benchmark import test_errors
 
@@ -44,7 +44,7 @@ def estimates(lane: LaneTruth, *, stated: float = 1.0) -> DriveEstimates:
 
 @pytest.mark.parametrize("stated", [1.0, 0.5])
 def test_z_is_the_ratio_of_true_and_stated_std(stated):
-    row = consistency([normalize_errors(estimates(truth(), stated=stated), truth())])
+    row = consistency([frame_errors(estimates(truth(), stated=stated), truth())])
     assert row["frames"] == N
     within = {1.0: (0.683, 0.954), 0.5: (0.383, 0.683)}[stated]
     for quantity in QUANTITIES:
@@ -59,8 +59,8 @@ def test_nees_notices_a_wrong_correlation():
     some = estimates(truth())
     independent = replace(some, covariance=np.broadcast_to(np.diag(STD**2), (N, 4, 4)))
     opposite = replace(some, covariance=np.broadcast_to(np.abs(COVARIANCE), (N, 4, 4)))
-    assert consistency([normalize_errors(independent, truth())])["heading_z_rms"] == pytest.approx(1, rel=0.03)
-    assert consistency([normalize_errors(opposite, truth())])["nees_mean"] > 4
+    assert consistency([frame_errors(independent, truth())])["heading_z_rms"] == pytest.approx(1, rel=0.03)
+    assert consistency([frame_errors(opposite, truth())])["nees_mean"] > 4
 
 
 def test_lane_changes_and_other_lanes_are_left_out_and_counted():
@@ -69,7 +69,7 @@ def test_lane_changes_and_other_lanes_are_left_out_and_counted():
     some.covariance[-10:] = np.nan  # lost frames
     some.lines_m[50:250, :, :, 1] += 3.5
     some.offset_m[50:250] -= 3.5
-    row = consistency([normalize_errors(some, lane)])
+    row = consistency([frame_errors(some, lane)])
     assert (row["frames"], row["lane_change_frames"], row["other_lane_frames"]) == (N - 260, 100, 150)
     assert row["offset_z_rms"] == pytest.approx(1, rel=0.03)
 
@@ -78,6 +78,8 @@ def test_a_line_that_ends_does_not_count_nor_a_system_without_a_covariance():
     lane, some = truth(), estimates(truth())
     some.lines_y_m[:, 0, -1] = np.nan
     lane.lines_y_m[:, 1, -1] = np.nan
-    errors = normalize_errors(some, lane)
-    assert len(errors.of("lateral_30m")) == 0 and len(errors.of("lateral_20m")) == 2 * len(errors.of("width")) == 2 * N
-    assert normalize_errors(replace(some, covariance=np.full((N, 4, 4), np.nan)), lane) is None
+    count = {name: len(frame_errors(some, lane).z_of(name)) for name in ("lateral_30m", "lateral_20m", "width")}
+    assert count == {"lateral_30m": 0, "lateral_20m": 2 * N, "width": N}
+    assert not frame_errors(replace(some, covariance=np.full((N, 4, 4), np.nan)), lane).stated.any()
+    without_lane = replace(lane, lines_y_m=np.full_like(lane.lines_y_m, np.nan))
+    assert not frame_errors(some, without_lane).stated.any()

@@ -9,7 +9,7 @@ import pytest
 
 from benchmark.errors import LaneTruth, frame_errors, recovery_lengths
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, read_estimates, road_points, write_estimates
-from benchmark.scores import Result, score, score_rows, total_rows
+from benchmark.scores import Result, score, score_rows
 from benchmark.tables import describe_failures, failure_spans
 from simulator.road.geometry import RoadGeometry, VehiclePose, line_lateral, line_polynomial
 
@@ -201,11 +201,11 @@ def test_totals_are_over_frames_and_a_loss_ends_with_its_scene():
     good, bad = (frame_errors(shifted(perfect(truth()), shift_m), truth()) for shift_m in (0.0, 1.0))
     drives = [("one", "hard", bad, 1), ("two", "hard", bad, 2), ("three", "hard", good, 1), ("four", "clean", good, 1)]
     results = [Result(scene, kind, "tracker", errors, workers=workers) for scene, kind, errors, workers in drives]
-    hard, clean = total_rows(results)
+    *scenes, hard, clean = score_rows(results)
     assert (hard["scene"], hard["frames"], hard["accuracy"]) == ("all hard", 3 * N, pytest.approx(1 / 3))
     assert (hard["recovery_longest_frames"], hard["workers"]) == (N, 2)
     assert clean["accuracy"] == 1
-    assert [row["scene"] for row in score_rows(results)] == ["one", "two", "three", "four"]
+    assert [row["scene"] for row in scenes] == ["one", "two", "three", "four"]
 
 
 def test_estimates_are_the_same_when_read_from_their_file_and_a_damaged_one_is_named(tmp_path):

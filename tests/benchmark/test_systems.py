@@ -11,7 +11,7 @@ import pytest
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
-from benchmark.evaluation import PROJECT_ROOT, score_video
+from benchmark.evaluation import PROJECT_ROOT, score_systems
 from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
 from helpers import RoadLine
 from lanes.camera import Camera, CameraPose
@@ -143,7 +143,8 @@ def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
 
         return find
 
-    row = score_video(VIDEO, finder(0.0), end_s=2, every=5, name="truth")
+    systems = {"truth": (finder(0.0), 5), "shifted": (finder(0.4), 5)}
+    row, shifted = score_systems(VIDEO, systems, end_s=2)
     assert (row["system"], row["frames"], row["accuracy"]) == ("truth", 10, 1.0)
     assert row["lateral_5_20m_p95_m"] < 0.005
-    assert score_video(VIDEO, finder(0.4), end_s=2, every=5, name="shifted")["accuracy"] == 0
+    assert shifted["accuracy"] == 0

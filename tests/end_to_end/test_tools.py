@@ -34,7 +34,7 @@ def measurements():
 
 
 def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurements):
-    on, again, off = (one.errors.lateral_m for one in measurements)
+    on, again, off = (one.lateral_m for one in measurements)
     np.testing.assert_array_equal(on, again)
     assert not np.array_equal(on, off, equal_nan=True)
 
