@@ -17,7 +17,7 @@ from lanes.camera import Camera
 from simulator.objects.scene_objects import SceneObject
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
-from simulator.painting import Atmosphere, band_noise_tile, fade, sample_noise
+from simulator.painting import Atmosphere
 from simulator.road.ground import Ground
 from simulator.road.markings import Marking
 
@@ -341,9 +341,7 @@ class Wet:
         """
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
-        tile = band_noise_tile(seed + 81, octaves=3)
-        puddles = sample_noise(tile, ground.along, ground.d, wave_s_m=5.0, wave_d_m=0.45)
-        puddles *= fade(ground.footprint_s, 12.0)
+        puddles = ground.noise(seed + 81, (5.0, 0.45), octaves=3, fading_m=12.0)
         return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
 
 

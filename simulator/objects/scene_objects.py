@@ -13,7 +13,6 @@ from lanes.camera import Camera
 from simulator.objects.standing import Post, Tree
 from simulator.objects.vehicles import Car
 from simulator.objects.walls import BridgeSlice, Overpass, Wall
-from simulator.painting import band_noise_tile, sample_noise
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 from simulator.road.ground import Ground, RoadAhead
 
@@ -190,8 +189,8 @@ def cast_shadows(
 
 def _perturb_edges(mask: np.ndarray, ground: Ground, rows: slice, shift_m: float) -> np.ndarray:
     """Rows of the mask, with edges displaced by noise of about `shift_m` on the ground, as by twigs and leaves."""
-    part, tile = ground.crop(rows), band_noise_tile(LEAF_SEED, octaves=3)
-    shift_d, shift_s = (sample_noise(tile, part.along, part.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+    part = ground.rows(rows)
+    shift_d, shift_s = (part.noise(LEAF_SEED, (0.20, 0.15), octaves=3, shift_m=add) for add in (0, 7))
     v, u = np.indices(part.s.shape, np.float32)
     u += np.float32(shift_m) * shift_d / np.maximum(np.abs(part.d_u), 1e-3)
     v += rows.start + np.float32(shift_m) * shift_s / np.maximum(part.footprint_s, MIN_STEP_M)
