@@ -184,7 +184,7 @@ def take_photo(scene: str, rng: np.random.Generator) -> tuple[np.ndarray, LaneCo
     camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
     drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
     frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
-    return frame.image, true_lines(scene, frame, enlarged(drive.camera_at_pitch(frame.truth.pitch_rad)))
+    return frame.image, true_lines(scene, frame, enlarged(drive.camera_at(frame.truth.time_s)))
 
 
 def enlarged(camera: Camera) -> Camera:

@@ -81,7 +81,7 @@ def objects_in_view(
     others = [p for p in placed if isinstance(p, PlacedObject)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
     points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
-    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.path_heading_rad(time_s) for p in others])
+    headings = pose.turn_to(road, s) + np.array([p.path_heading_rad(time_s) for p in others])
     places = zip(others, points, headings, strict=True)
     ahead = [_moved(p.item, place, heading) for p, place, heading in places if _in_reach(p.item, place)]
     bridges = [part for p in placed if isinstance(p, Overpass) for part in p.slices_at(road, pose)]
@@ -120,7 +120,7 @@ def _wall(along: PlacedWall, road: RoadGeometry, pose: VehiclePose) -> Wall | No
     if last - first < 2 * WALL_STEP_M:
         return None
     s = np.arange(first, last, WALL_STEP_M)
-    turned = np.flatnonzero(np.abs(road.heading(s) - pose.absolute_heading(road)) > WALL_TURNS_RAD)
+    turned = np.flatnonzero(np.abs(pose.turn_to(road, s)) > WALL_TURNS_RAD)
     s = s[: max(turned[0], 2)] if len(turned) else s
     path = surface_points(road, pose, s, along.lateral_m)
     side = 1 if along.lateral_m > pose.lateral_m else -1

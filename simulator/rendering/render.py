@@ -15,7 +15,7 @@ from lanes.camera import Camera, save_camera
 from lanes.files import atomic_write, translate_write_errors
 from lanes.video.reader import inspect_video
 from simulator.backdrop import aerial_perspective, paint_backdrop
-from simulator.light.lens import LUMINANCE, RoadLight, develop
+from simulator.light.lens import LUMINANCE, develop, road_luminance
 from simulator.light.sunlight import (
     OVERCAST_LIGHT,
     SKY_SHARE,
@@ -92,7 +92,7 @@ class _View:
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """Image of the drive's camera at `time_s`, with its ground truth."""
     truth = drive.truth(time_s)
-    camera, heading = drive.camera_at_pitch(truth.pitch_rad), truth.pose.absolute_heading(drive.road)
+    camera, heading = drive.camera_at(time_s), truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
     ground, sun_direction = cast_on_ground(pixel_rays(drive.camera), camera, ahead), drive.sun.direction(heading)
     objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
@@ -281,8 +281,8 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
         add_falling_drops(light, seed=seed)
         light = add_windscreen_drops(light, time_s, seed=drive.seed)
     if drive.exposure is not None:
-        road = RoadLight(drive.surface, drive.shades, drive.seed)
-        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road, time_s)
+        luminance = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
+        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, luminance, time_s)
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
 

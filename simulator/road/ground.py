@@ -46,7 +46,7 @@ class RoadAhead:
 
     def __init__(self, road: RoadGeometry, pose: VehiclePose) -> None:
         s = np.arange(-BEHIND_M, AHEAD_M + self.STEP_M, self.STEP_M)
-        angle = road.heading(pose.s_m + s) - pose.absolute_heading(road)
+        angle = pose.turn_to(road, pose.s_m + s)
         turned = np.flatnonzero((np.abs(angle) > MAX_TURN_RAD) & (s > 0))
         sharpest = np.abs(road.curvature(pose.s_m + s[s < WINDING_AHEAD_M])).max()
         self.winding = bool(len(turned)) and sharpest > WINDING_PER_M

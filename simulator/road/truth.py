@@ -129,7 +129,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     # Equal steps in 1/x are equal steps in image rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
     s = truth.pose.s_m + ahead
-    turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MAX_TURN_RAD
+    turned = np.abs(truth.pose.turn_to(truth.road, s)) > MAX_TURN_RAD
     s = s[: int(np.argmax(turned))] if turned.any() else s
     points = surface_points(truth.road, truth.pose, s, truth.laterals_m[side])
     pixels = camera.road_to_pixels(points)
