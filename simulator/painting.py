@@ -273,6 +273,13 @@ def composite(image: np.ndarray, layer: np.ndarray, left: int, top: int, air: At
     window += cv2.merge(colour)
 
 
+def blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+    """Blend an image or a colour over an image `below` (H, W, 3), in place, with the opacity `share` (H, W)."""
+    if share.size:
+        # cv2.merge, because numpy is slow where the innermost axis has three elements. It refuses empty images.
+        below += cv2.merge([share] * 3) * (above - below)
+
+
 def blend_pixels(image: np.ndarray, pixels: np.ndarray, share: np.ndarray, colour: np.ndarray) -> None:
     """Blend a colour, (3,) or (3, K) float32, over an image (H, W, 3), in place.
 

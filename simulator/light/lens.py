@@ -108,16 +108,19 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _tone_curve() -> np.ndarray:
-    """sRGB transfer curve (IEC 61966-2-1) after a toe, and a shoulder that keeps white paint from clipping."""
+    """sRGB after a toe, and a shoulder that keeps white paint from clipping."""
     light = np.linspace(0, np.sqrt(MAX_LIGHT), TONE_STEPS) ** 2
     light = light**2 / (light + TOE)
     knee = 0.55
     over = np.maximum(light - knee, 0)
     light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02
-    light = np.clip(light, 0, 1)
-    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     # cv2.LUT needs an entry for every 16-bit value.
-    return np.pad(np.rint(255 * encoded).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")
+    return np.pad(np.rint(255 * srgb(np.clip(light, 0, 1))).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")
+
+
+def srgb(light: np.ndarray) -> np.ndarray:
+    """sRGB values of linear light, both >= 0 and 1 at white (IEC 61966-2-1)."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 @dataclass(frozen=True)

@@ -38,7 +38,7 @@ from simulator.objects.scene_objects import (
 )
 from simulator.objects.standing import Tree
 from simulator.objects.vehicles import paint_bonnet
-from simulator.painting import Atmosphere, Canvas, split_channels
+from simulator.painting import Atmosphere, Canvas, blend, split_channels
 from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
 from simulator.road.ground import MAX_GROUND_M, Ground, RoadAhead, cast_on_ground, pixel_rays
@@ -266,11 +266,9 @@ def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
     far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
     if daylight:
-        air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
-        radiance[:far] += air * (AIR_LIGHT - radiance[:far])
+        blend(radiance[:far], AIR_LIGHT, 1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))
     share = np.clip((MAX_GROUND_M - ground.distance[:far]) / np.float32(MAX_GROUND_M / 2), 0, 1) * ground.visible[:far]
-    before = light[ground.top : ground.top + far]
-    before += share[..., None] * (radiance[:far] - before)
+    blend(light[ground.top : ground.top + far], radiance[:far], share)
     light[ground.top + far :] = radiance[far:]
 
 
@@ -279,7 +277,7 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
     seed, lens = drive.seed * 7919 + round(time_s * 1000), drive.lens
     if drive.rain:
         add_falling_drops(light, seed=seed)
-        light = add_windscreen_drops(light, time_s, seed=drive.seed)
+        add_windscreen_drops(light, time_s, seed=drive.seed)
     if drive.exposure is not None:
         luminance = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
         road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, luminance, time_s)

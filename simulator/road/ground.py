@@ -255,11 +255,11 @@ class Ground:
 
 
 @lru_cache(maxsize=2)
-def pixel_rays(camera: Camera) -> np.ndarray:
-    """Ray directions (height, width, 3) float32 of all raw pixels, in camera axes with z = 1; cached for each lens."""
+def pixel_rays(camera: Camera, dtype: type = np.float32) -> np.ndarray:
+    """Ray directions (height, width, 3) of all raw pixels, in camera axes with z = 1; cached for each lens."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
-    return rays.reshape(camera.height, camera.width, 3).astype(np.float32)
+    return rays.reshape(camera.height, camera.width, 3).astype(dtype)
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
