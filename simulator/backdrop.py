@@ -14,7 +14,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from simulator.painting import Atmosphere, fractal_noise, smoothstep
+from simulator.painting import Atmosphere, blend, fractal_noise, smoothstep
 
 # Half the resolution of a dashcam: the backdrop has no detail that matters.
 COLUMNS = 4096
@@ -135,7 +135,7 @@ def _paint_clouds(picture: np.ndarray, style: BackdropStyle, rng: np.random.Gene
     # Tops, with less cloud above them, are lit; thick bases are grey.
     lit = density - np.roll(cv2.GaussianBlur(density, (0, 0), 5), 12, axis=0)
     bright = np.clip(0.84 - 0.46 * smoothstep(edge + 0.1, edge + 1.7, density) + 0.22 * lit, 0.26, 1.05)
-    sky += cover[..., None] * (bright[..., None] * np.float32(0.95) + np.array([0.0, 0.01, 0.04], np.float32) - sky)
+    blend(sky, bright[..., None] * np.float32(0.95) + np.array([0.0, 0.01, 0.04], np.float32), cover)
 
 
 def _hills(rng: np.random.Generator, size_rad: float) -> np.ndarray:
@@ -162,4 +162,4 @@ def _paint_layer(
     colour = (colours[0] + patches * (colours[1] - colours[0])) * (1 + np.float32(0.12) * noise)[..., None]
     air = aerial_perspective(1000 * distance_km, style.haze_per_km)
     share = np.clip((skyline - z) * np.float32(PIXELS_PER_RAD) + np.float32(0.5), 0, 1)
-    below += share[..., None] * (colour * air.transmittance + air.airlight - below)
+    blend(below, colour * air.transmittance + air.airlight, share)

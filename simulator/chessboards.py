@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
 from pathlib import Path
@@ -16,10 +16,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera import camera_to_dict
+from lanes.camera import Camera, camera_to_dict
 from lanes.files import translate_write_errors, write_atomically
 from lanes.images import write_image
+from simulator.light.lens import srgb
+from simulator.painting import blend
 from simulator.processes import run_all
+from simulator.road.ground import pixel_rays
 from simulator.scenes.freeway import DASHCAM
 
 INNER_COLUMNS, INNER_ROWS = 9, 6
@@ -68,9 +71,9 @@ class BoardView:
     extra_px: int = 0
 
     @property
-    def size(self) -> tuple[int, int]:
-        """Width and height of the photograph."""
-        return DASHCAM.width + self.extra_px, DASHCAM.height + self.extra_px
+    def camera(self) -> Camera:
+        """Camera of the photograph."""
+        return replace(DASHCAM, width=DASHCAM.width + self.extra_px, height=DASHCAM.height + self.extra_px)
 
 
 BOARD_VIEWS = (
@@ -132,7 +135,7 @@ def render_board(view: BoardView, *, seed: int = 0) -> np.ndarray:
     light = _illumination(view, glow)[..., None]
     scene = _wall(view, x, y, glow, rng) * light
     paper, coverage = _sheet(view, x, y, glow, rng)
-    scene += coverage[..., None] * (paper * light - scene)
+    blend(scene, paper * light, coverage)
     return _expose(scene, view.wall.noise, rng)
 
 
@@ -146,7 +149,7 @@ def true_corners(view: BoardView) -> np.ndarray:
 
 
 def _board_truth(view: BoardView) -> dict:
-    corners, size = true_corners(view), view.size
+    corners, size = true_corners(view), view.camera.size
     inside = ((corners >= 0) & (corners <= np.subtract(size, 1))).all(axis=1)
     known = {"corners_px": np.round(corners, 3).tolist(), "inside": inside.astype(int).tolist()}
     return {"width": size[0], "height": size[1]} | known
@@ -162,16 +165,9 @@ def _board_pose(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     return about_z @ about_y @ about_x, distance * DASHCAM.rays(np.array([[view.u, view.v]]))[0]
 
 
-@lru_cache(maxsize=2)
-def _pixel_rays(size: tuple[int, int]) -> np.ndarray:
-    """Ray directions (height, width, 3) of all pixels; cached, because inverting the distortion is slow."""
-    u, v = np.meshgrid(*map(np.arange, size))
-    return DASHCAM.rays(np.column_stack([u.ravel(), v.ravel()])).reshape(size[1], size[0], 3)
-
-
 def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     """Points of the wall seen by each pixel: x and y (height, width) in metres from the centre of the sheet."""
-    (turn, shift), rays = _board_pose(view), _pixel_rays(view.size)
+    (turn, shift), rays = _board_pose(view), pixel_rays(view.camera, np.float64)
     normal = turn[:, 2]
     # A ray nearly parallel to the wall is given a far intersection, where there is only paint.
     slope = np.maximum(rays @ normal, 1e-2)
@@ -181,7 +177,7 @@ def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
 
 def _illumination(view: BoardView, glow: np.ndarray) -> np.ndarray:
     """Brightness (height, width): fall-off, glow of the lamp, and vignetting."""
-    u, v = np.meshgrid(*(np.linspace(-1, 1, side) for side in view.size))
+    u, v = np.meshgrid(*(np.linspace(-1, 1, side) for side in view.camera.size))
     falloff = 1 - (view.falloff[0] * u + view.falloff[1] * v)
     vignette = 1 - 0.07 * (u**2 + v**2)
     return falloff * vignette + 0.25 * glow
@@ -190,7 +186,7 @@ def _illumination(view: BoardView, glow: np.ndarray) -> np.ndarray:
 def _glow(view: BoardView) -> np.ndarray:
     """Reflection of the lamp (height, width), with the wide tails of satin paint."""
     lamp_u, lamp_v, reach, strength = view.lamp
-    u, v = np.meshgrid(*map(np.arange, view.size))
+    u, v = np.meshgrid(*map(np.arange, view.camera.size))
     squared = ((u - lamp_u) ** 2 + (1.3 * (v - lamp_v)) ** 2) / reach**2
     return strength / (1 + squared) ** 2
 
@@ -293,9 +289,8 @@ def _expose(scene: np.ndarray, noise_levels: float, rng: np.random.Generator) ->
     small = cv2.resize(scene, None, fx=1 / 16, fy=1 / 16, interpolation=cv2.INTER_AREA)
     veil = cv2.resize(cv2.GaussianBlur(small, (0, 0), 8), scene.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     scene = 0.993 * scene + 0.007 * veil
-    # sRGB transfer curve (IEC 61966-2-1) after a soft shoulder, which compresses highlights.
-    scene = np.where(scene > 0.7, 0.7 + 0.3 * np.tanh((scene - 0.7) / 0.3), scene)
-    levels = 255 * np.where(scene > 0.0031308, 1.055 * np.maximum(scene, 1e-6) ** (1 / 2.4) - 0.055, 12.92 * scene)
+    # A soft shoulder, which compresses highlights.
+    levels = 255 * srgb(np.where(scene > 0.7, 0.7 + 0.3 * np.tanh((scene - 0.7) / 0.3), scene))
     levels += 0.5 * (levels - cv2.GaussianBlur(levels, (0, 0), 1.3))
     grain = cv2.GaussianBlur(rng.standard_normal(levels.shape[:2]).astype(np.float32), (0, 0), 0.6) * 2.2
     colour = cv2.GaussianBlur(rng.standard_normal(levels.shape).astype(np.float32), (0, 0), 2.0) * 4.0

@@ -61,12 +61,19 @@ def smoothstep(low: np.ndarray | np.floating | float, high: np.floating | float,
     return t * t * (3 - 2 * t)
 
 
-@lru_cache(maxsize=64)
-def band_noise_tile(seed: int, *, octaves: int = 1) -> np.ndarray:
-    """Periodic noise (TILE + 1, TILE + 1) float32, mean 0, standard deviation 1, wavelengths about TEXELS_PER_WAVE.
+def sample_noise(
+    seed: int, s: np.ndarray, d: np.ndarray, wave_m: tuple[float, float], *, octaves: int = 1
+) -> np.ndarray:
+    """Noise at road coordinates of any shape, float32, mean 0, standard deviation 1, wavelengths `wave_m` in s and d.
 
     More octaves add longer waves of half the slope each, which look cloudy instead of grainy.
     """
+    return sample(_noise_tile(seed, octaves), _wrapped(s, wave_m[0]), _wrapped(d, wave_m[1]))
+
+
+@lru_cache(maxsize=64)
+def _noise_tile(seed: int, octaves: int) -> np.ndarray:
+    """Periodic noise (TILE + 1, TILE + 1) float32 of wavelengths of about TEXELS_PER_WAVE."""
     rng = np.random.default_rng(seed)
     waves = np.fft.rfft2(rng.standard_normal((TILE, TILE)))
     waves *= _gain(octaves)
@@ -85,18 +92,13 @@ def _gain(octaves: int) -> np.ndarray:
     return gain
 
 
-def sample_noise(tile: np.ndarray, s: np.ndarray, d: np.ndarray, *, wave_s_m: float, wave_d_m: float) -> np.ndarray:
-    """Noise of a `band_noise_tile` at road coordinates (rows, width) or (K,) float32, with wavelengths in metres."""
-    return sample(tile, _wrapped(s, wave_s_m), _wrapped(d, wave_d_m))
-
-
 def sample(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Bilinear samples of an image of one channel at pixels (u, v), (rows, width) or (K,) float32; 0 outside."""
-    if u.ndim == 2 or not len(u):
-        return cv2.remap(image, u, v, cv2.INTER_LINEAR) if len(u) else u
+    """Bilinear samples of an image of one channel at pixels (u, v), float32 of any shape; 0 outside."""
+    if not u.size:
+        return u
     # OpenCV refuses maps longer than 32767, so a list is reshaped to rows.
-    u_rows, v_rows = (np.pad(x, (0, -len(x) % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
-    return cv2.remap(image, u_rows, v_rows, cv2.INTER_LINEAR).ravel()[: len(u)]
+    u_rows, v_rows = (np.pad(x.ravel(), (0, -x.size % LIST_ROW)).reshape(-1, LIST_ROW) for x in (u, v))
+    return cv2.remap(image, u_rows, v_rows, cv2.INTER_LINEAR).ravel()[: u.size].reshape(u.shape)
 
 
 def fade(footprint: np.ndarray, wave_m: float) -> np.ndarray:
@@ -269,6 +271,13 @@ def composite(image: np.ndarray, layer: np.ndarray, left: int, top: int, air: At
     colour = [cv2.addWeighted(planes[k], transmittance[k], alpha, airlight[k], 0) for k in range(3)]
     window *= cv2.merge([1 - alpha] * 3)
     window += cv2.merge(colour)
+
+
+def blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+    """Blend an image or a colour over an image `below` (H, W, 3), in place, with the opacity `share` (H, W)."""
+    if share.size:
+        # cv2.merge, because numpy is slow where the innermost axis has three elements. It refuses empty images.
+        below += cv2.merge([share] * 3) * (above - below)
 
 
 def blend_pixels(image: np.ndarray, pixels: np.ndarray, share: np.ndarray, colour: np.ndarray) -> None:

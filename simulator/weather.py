@@ -17,7 +17,7 @@ from lanes.camera import Camera
 from simulator.objects.scene_objects import SceneObject
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car
-from simulator.painting import Atmosphere, band_noise_tile, fade, sample_noise
+from simulator.painting import Atmosphere, blend
 from simulator.road.ground import Ground
 from simulator.road.markings import Marking
 
@@ -242,8 +242,8 @@ def add_falling_drops(light: np.ndarray, *, seed: int) -> None:
     cv2.scaleAdd(streaks, FALLING_LIGHT, light, dst=light)
 
 
-def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> np.ndarray:
-    """The light (height, width, 3) float32 through the wet windscreen; the time gives drops and wiper."""
+def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> None:
+    """Change the light (height, width, 3) to that behind a wet windscreen with drops and wiper, in place."""
     height, width = light.shape[:2]
     small = cv2.resize(light, (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING), interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / DROP_DOWNSAMPLING)
@@ -256,11 +256,7 @@ def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> np.n
     _lay_blade(cover, map_u, map_v, time_s)
     seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
     seen, cover = (cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR) for a in (seen, cover))
-    seen -= light
-    share: np.ndarray = cv2.merge([cover] * 3)
-    seen *= share
-    seen += light
-    return seen
+    blend(light, seen, cover)
 
 
 def _drops_of_cycle(number: int, time_s: float, seed: int) -> np.ndarray:
@@ -341,9 +337,7 @@ class Wet:
         """
         upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
-        tile = band_noise_tile(seed + 81, octaves=3)
-        puddles = sample_noise(tile, ground.along, ground.d, wave_s_m=5.0, wave_d_m=0.45)
-        puddles *= fade(ground.footprint_s, 12.0)
+        puddles = ground.noise(seed + 81, (5.0, 0.45), octaves=3, fading_m=12.0)
         return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
 
 

@@ -184,7 +184,7 @@ def take_photo(scene: str, rng: np.random.Generator) -> tuple[np.ndarray, LaneCo
     camera = Camera.from_fov(SIZES[rng.integers(len(SIZES))], rng.uniform(50, 80), pose)
     drive = replace(SUITE[scene].drive(), camera=camera, bonnet=False)
     frame = render_frame(drive, rng.uniform(0, SUITE[scene].seconds))
-    camera = drive.camera_at_pitch(frame.truth.pitch_rad)
+    camera = drive.camera_at(frame.truth.time_s)
     # from a little below the horizon on
     first_row = camera.road_to_pixels(np.array([[1e5, 0.0]]))[0, 1] + 0.06 * camera.height
     rows = np.arange(first_row, camera.height, ROW_STEP * camera.width)

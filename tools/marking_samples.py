@@ -152,9 +152,8 @@ def _of_scene(number: int, variety: Variety, rng: np.random.Generator) -> Sample
 
 def _mark_ground(drive: Drive, markings: tuple[Marking, ...], time_s: float) -> np.ndarray:
     """Picture (height, width, 3) uint8: share of each pixel that fresh lines cover, and that borders cover."""
-    truth = drive.truth(time_s)
-    camera = drive.camera_at_pitch(truth.pitch_rad)
-    ground = cast_on_ground(pixel_rays(drive.camera), camera, RoadAhead(drive.road, truth.pose))
+    camera = drive.camera_at(time_s)
+    ground = cast_on_ground(pixel_rays(drive.camera), camera, RoadAhead(drive.road, drive.pose(time_s)))
     edges = drive.surface.left_edge_m, drive.surface.right_edge_m, *(drive.surface.opposite_m or ())
     borders = tuple(Marking(edge_m, 2 * BORDER_HALF_WIDTH_M) for edge_m in edges)
     lines = tuple(replace(m, botts=False) for m in markings if max(m.colour) >= PAINT_FROM)

@@ -108,16 +108,19 @@ def _noise(height: int, width: int, seed: int) -> np.ndarray:
 
 @lru_cache(maxsize=1)
 def _tone_curve() -> np.ndarray:
-    """sRGB transfer curve (IEC 61966-2-1) after a toe, and a shoulder that keeps white paint from clipping."""
+    """sRGB after a toe, and a shoulder that keeps white paint from clipping."""
     light = np.linspace(0, np.sqrt(MAX_LIGHT), TONE_STEPS) ** 2
     light = light**2 / (light + TOE)
     knee = 0.55
     over = np.maximum(light - knee, 0)
     light = np.minimum(light, knee) + (1 - knee) * (1 - np.exp(-over / (1 - knee) * 1.35)) * 1.02
-    light = np.clip(light, 0, 1)
-    encoded = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
     # cv2.LUT needs an entry for every 16-bit value.
-    return np.pad(np.rint(255 * encoded).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")
+    return np.pad(np.rint(255 * srgb(np.clip(light, 0, 1))).astype(np.uint8), (0, 65536 - TONE_STEPS), mode="edge")
+
+
+def srgb(light: np.ndarray) -> np.ndarray:
+    """sRGB values of linear light, both >= 0 and 1 at white (IEC 61966-2-1)."""
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 @dataclass(frozen=True)
@@ -131,15 +134,18 @@ class AutoExposure:
     time_constant_s: float = 0.7
     strength: float = 0.8
 
-    def adapted_light(self, station_m: Callable[[float], float], road_light: RoadLight, time_s: float) -> float:
+    def adapted_light(
+        self, station_m: Callable[[float], float], luminance: Callable[[np.ndarray], np.ndarray], time_s: float
+    ) -> float:
         """Luminance of the road to which the exposure has adapted at `time_s`.
 
-        `station_m` is a function from time in seconds to arc length of the car in metres.
+        `station_m` is a function from time in seconds to arc length of the car in metres, `luminance` one from arc
+        lengths (N,) to luminance (N,) of the road.
         """
         age_s = np.arange(0.0, MEMORY_TIME_CONSTANTS * self.time_constant_s, SAMPLE_STEP_S)
         stations = np.array([station_m(time_s - float(t)) for t in age_s])
         weight = np.exp(-age_s / self.time_constant_s)
-        stops = np.log2(np.maximum(road_light.metered(stations), DARKEST))
+        stops = np.log2(np.maximum(_metered(stations, luminance), DARKEST))
         return float(2.0 ** ((weight * stops).sum() / weight.sum()))
 
     def lens(self, lens: Lens, adapted_light: float) -> Lens:
@@ -148,29 +154,21 @@ class AutoExposure:
         return replace(lens, adaptation=self.strength, noise=lens.noise * float(np.sqrt(max(gain, 1.0))))
 
 
-@dataclass(frozen=True)
-class RoadLight:
-    """Luminance of the pavement along the road, without texture."""
+def _metered(stations_m: np.ndarray, luminance: Callable[[np.ndarray], np.ndarray]) -> np.ndarray:
+    """Mean luminance (N,) of the metering area for the car at stations (N,)."""
+    first, last = stations_m.min() + METERED_M[0], stations_m.max() + METERED_M[1] + SAMPLE_STEP_M
+    s = np.arange(first, last + SAMPLE_STEP_M, SAMPLE_STEP_M)
+    until = np.concatenate([[0.0], np.cumsum(luminance(s)) * SAMPLE_STEP_M])
+    # Integral at any arc length; each sample is valid for one step.
+    at = np.concatenate([[s[0] - SAMPLE_STEP_M / 2], s + SAMPLE_STEP_M / 2])
+    near, far = (np.interp(stations_m + m, at, until) for m in METERED_M)
+    return (far - near) / (METERED_M[1] - METERED_M[0])
 
-    surface: Surface
-    shades: tuple[Shade, ...]
-    seed: int
 
-    def metered(self, stations_m: np.ndarray) -> np.ndarray:
-        """Mean luminance (N,) of the metering area for the car at stations (N,)."""
-        first, last = stations_m.min() + METERED_M[0], stations_m.max() + METERED_M[1] + SAMPLE_STEP_M
-        s = np.arange(first, last + SAMPLE_STEP_M, SAMPLE_STEP_M)
-        until = np.concatenate([[0.0], np.cumsum(self.luminance(s)) * SAMPLE_STEP_M])
-        # Integral at any arc length; each sample is valid for one step.
-        at = np.concatenate([[s[0] - SAMPLE_STEP_M / 2], s + SAMPLE_STEP_M / 2])
-        near, far = (np.interp(stations_m + m, at, until) for m in METERED_M)
-        return (far - near) / (METERED_M[1] - METERED_M[0])
-
-    def luminance(self, s_m: np.ndarray) -> np.ndarray:
-        """Luminance (N,) of the road at arc lengths (N,), averaged over the lane."""
-        lights = [light_along(self.shades, s_m, 0 * s_m + d, seed=self.seed) for d in METERED_LATERALS_M]
-        light = np.mean(lights, axis=0)
-        zones = sorted(self.surface.zones, key=lambda zone: zone.start_m)
-        which = np.searchsorted([zone.start_m for zone in zones[1:]], s_m, side="right")
-        colours = np.array([MATERIALS[zone.material].colour for zone in zones], np.float32)
-        return (light * colours[which]) @ LUMINANCE
+def road_luminance(s_m: np.ndarray, surface: Surface, shades: tuple[Shade, ...], *, seed: int) -> np.ndarray:
+    """Luminance (N,) of the pavement at arc lengths (N,), averaged over the lane, without texture."""
+    light = np.mean([light_along(shades, s_m, 0 * s_m + d, seed=seed) for d in METERED_LATERALS_M], axis=0)
+    zones = sorted(surface.zones, key=lambda zone: zone.start_m)
+    which = np.searchsorted([zone.start_m for zone in zones[1:]], s_m, side="right")
+    colours = np.array([MATERIALS[zone.material].colour for zone in zones], np.float32)
+    return (light * colours[which]) @ LUMINANCE

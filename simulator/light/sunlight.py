@@ -10,7 +10,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from simulator.painting import band_noise_tile, fade, fractal_noise, sample_noise, smoothstep
+from simulator.painting import fade, fractal_noise, smoothstep
 from simulator.road.ground import Ground, strip_coverage
 
 # Share of the sun in the light on objects; the rest comes from the sky.
@@ -65,12 +65,14 @@ class TreeShade:
         middle = 1 - along**2 - across**2
         # No cluster farther out is dense enough to cast a shadow.
         near = np.flatnonzero(middle > -CROWN_CUTOFF)
-        arrays = (ground.along, ground.d, ground.footprint_s, middle)
-        s, d, footprint, middle = (array.ravel()[near] for array in arrays)
-        cloudy = band_noise_tile(seed + 31, octaves=3)
-        clusters = sample_noise(cloudy, s, d, wave_s_m=0.55, wave_d_m=0.42) * fade(footprint, 4.0)
-        leaves = sample_noise(band_noise_tile(seed + 32), s, d, wave_s_m=0.22, wave_d_m=0.16) * fade(footprint, 0.5)
-        level = np.float32(1.6) * np.minimum(middle, 0.8) + np.float32(0.75) * clusters + np.float32(0.35) * leaves
+        part = ground.at(near)
+        clusters = part.noise(seed + 31, (0.55, 0.42), octaves=3, fading_m=4.0)
+        leaves = part.noise(seed + 32, (0.22, 0.16), fading_m=0.5)
+        level = (
+            np.float32(1.6) * np.minimum(middle.ravel()[near], 0.8)
+            + np.float32(0.75) * clusters
+            + np.float32(0.35) * leaves
+        )
         share = np.clip((level + np.float32(0.05)) * 2 + np.float32(0.5) - np.float32(0.6), 0, 1)
         sun = np.ones(ground.s.shape, np.float32)
         sun.ravel()[near] -= np.float32(self.density) * share * share * (3 - 2 * share)
@@ -87,13 +89,12 @@ class WoodShade:
 
     def sunlight(self, ground: Ground, seed: int) -> np.ndarray:
         """Share of sunlight in a wood: sun flecks stretched along the road, and irregular ends of the shade."""
-        s, footprint = ground.along, ground.footprint_s
-        cloudy = band_noise_tile(seed + 41, octaves=4)
-        gaps = sample_noise(cloudy, s, ground.d, wave_s_m=1.6, wave_d_m=0.8)
+        s = ground.along
+        gaps = ground.noise(seed + 41, (1.6, 0.8), octaves=4)
         # Normal noise exceeds this quantile on the share `flecks` of the ground.
         level = np.float32(NormalDist().inv_cdf(1 - self.flecks))
         flecks = np.clip((gaps - level) * 2.5 + 0.5, 0, 1)
-        flecks += (1 - fade(footprint, 1.6)) * (np.float32(self.flecks) - flecks)
+        flecks += (1 - fade(ground.footprint_s, 1.6)) * (np.float32(self.flecks) - flecks)
         inside = np.minimum(s - np.float32(self.start_m), np.float32(self.end_m) - s) + np.float32(1.5) * gaps
         closed = np.clip(inside / 2 + 0.5, 0, 1)
         return 1 - closed * (1 - np.float32(0.85) * flecks)
@@ -151,7 +152,7 @@ def sunlight_on_ground(shades: tuple[Shade, ...], ground: Ground, *, seed: int) 
         if not len(rows):
             continue
         cut = slice(rows[0], rows[-1] + 1)
-        sun[cut] *= shade.sunlight(ground.crop(cut), seed + number)
+        sun[cut] *= shade.sunlight(ground.rows(cut), seed + number)
     return sun
 
 

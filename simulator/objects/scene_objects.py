@@ -13,7 +13,6 @@ from lanes.camera import Camera
 from simulator.objects.standing import Post, Tree
 from simulator.objects.vehicles import Car
 from simulator.objects.walls import BridgeSlice, Overpass, Wall
-from simulator.painting import band_noise_tile, sample_noise
 from simulator.road.geometry import RoadGeometry, VehiclePose, surface_points
 from simulator.road.ground import Ground, RoadAhead
 
@@ -82,7 +81,7 @@ def objects_in_view(
     others = [p for p in placed if isinstance(p, PlacedObject)]
     s = np.array([p.s_m + p.speed_mps * time_s for p in others])
     points = surface_points(road, pose, s, np.array([p.lateral_at(time_s) for p in others]))
-    headings = road.heading(s) - pose.absolute_heading(road) + np.array([p.path_heading_rad(time_s) for p in others])
+    headings = pose.turn_to(road, s) + np.array([p.path_heading_rad(time_s) for p in others])
     places = zip(others, points, headings, strict=True)
     ahead = [_moved(p.item, place, heading) for p, place, heading in places if _in_reach(p.item, place)]
     bridges = [part for p in placed if isinstance(p, Overpass) for part in p.slices_at(road, pose)]
@@ -121,7 +120,7 @@ def _wall(along: PlacedWall, road: RoadGeometry, pose: VehiclePose) -> Wall | No
     if last - first < 2 * WALL_STEP_M:
         return None
     s = np.arange(first, last, WALL_STEP_M)
-    turned = np.flatnonzero(np.abs(road.heading(s) - pose.absolute_heading(road)) > WALL_TURNS_RAD)
+    turned = np.flatnonzero(np.abs(pose.turn_to(road, s)) > WALL_TURNS_RAD)
     s = s[: max(turned[0], 2)] if len(turned) else s
     path = surface_points(road, pose, s, along.lateral_m)
     side = 1 if along.lateral_m > pose.lateral_m else -1
@@ -190,8 +189,8 @@ def cast_shadows(
 
 def _perturb_edges(mask: np.ndarray, ground: Ground, rows: slice, shift_m: float) -> np.ndarray:
     """Rows of the mask, with edges displaced by noise of about `shift_m` on the ground, as by twigs and leaves."""
-    part, tile = ground.crop(rows), band_noise_tile(LEAF_SEED, octaves=3)
-    shift_d, shift_s = (sample_noise(tile, part.along, part.d + add, wave_s_m=0.20, wave_d_m=0.15) for add in (0, 7))
+    part = ground.rows(rows)
+    shift_d, shift_s = (part.noise(LEAF_SEED, (0.20, 0.15), octaves=3, shift_m=add) for add in (0, 7))
     v, u = np.indices(part.s.shape, np.float32)
     u += np.float32(shift_m) * shift_d / np.maximum(np.abs(part.d_u), 1e-3)
     v += rows.start + np.float32(shift_m) * shift_s / np.maximum(part.footprint_s, MIN_STEP_M)

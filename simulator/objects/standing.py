@@ -6,6 +6,7 @@ The frame of the car is x forward, y left, z up, metres; the camera is above the
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -60,24 +61,23 @@ class Post(Standing):
     def shadows(self, offset_per_m: np.ndarray) -> list[np.ndarray]:
         """Shadow polygon (N, 2) of the pole; see `Standing.cast_hull`."""
         half = self.width_m / 2
-        return [self.cast_hull(vertical_rectangle(0, half, half, 0, self.height_m), offset_per_m)]
+        return [self.cast_hull(upright_rectangle(0, (-half, half), (0, self.height_m)), offset_per_m)]
 
     def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
         """Paint the post, and the arm and the head of a street lamp."""
         half, top = self.width_m / 2, self.height_m
-        faces = [vertical_rectangle(0, half, half, 0, top)]
+        faces = [upright_rectangle(0, (-half, half), (0, top))]
         if self.arm_m:
-            low, high = sorted((0.0, self.arm_m))
-            faces.append(vertical_rectangle(0, high, -low, top - 0.06, top + 0.06))
-            faces.append(vertical_rectangle(self.arm_m, 0.35, 0.35, top - 0.12, top + 0.10))
+            faces.append(upright_rectangle(0, sorted((0.0, self.arm_m)), (top - 0.06, top + 0.06)))
+            faces.append(upright_rectangle(0, (self.arm_m - 0.35, self.arm_m + 0.35), (top - 0.12, top + 0.10)))
         colour = np.array(self.colour) * irradiance(np.array([[-1.0, 0, 0]]), sun) / 0.8
         pixels = canvas.project_faces(np.array(faces) + self.foot_m)
         paint_polygons(canvas, pixels, np.repeat(colour, len(faces), axis=0), atmosphere=air.dimmed(light[0]))
 
 
-def vertical_rectangle(y: float, left: float, right: float, bottom: float, top: float) -> np.ndarray:
-    """Corners (4, 3) of a vertical rectangle across the road: lower right, upper right, upper left, lower left."""
-    return np.array([[0, y - right, bottom], [0, y - right, top], [0, y + left, top], [0, y + left, bottom]])
+def upright_rectangle(x: float, y: Sequence[float], z: Sequence[float]) -> np.ndarray:
+    """Corners (4, 3) of a rectangle across the road: it faces the rear if `y` rises, else the front."""
+    return np.array([(x, y[0], z[0]), (x, y[0], z[1]), (x, y[1], z[1]), (x, y[1], z[0])])
 
 
 # A tree is a trunk and a crown of lumps, which are painted and cast the shadow.
@@ -161,7 +161,7 @@ class Tree(Standing):
         away = offset_per_m / max(np.linalg.norm(offset_per_m), 1e-9)
         outline = lumps.outline_m + 0.3 * np.linalg.norm(offset_per_m) * (lumps.outline_m @ away)[..., None] * away
         half = max(0.12, TRUNK_WIDTH * self.height_m / 2)
-        trunk = vertical_rectangle(0, half, half, 0, self.height_m * self.fork)
+        trunk = upright_rectangle(0, (-half, half), (0, self.height_m * self.fork))
         return [*(middle[:, None] + outline).astype(np.float32), self.cast_hull(trunk, offset_per_m)]
 
     def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:

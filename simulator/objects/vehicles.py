@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from simulator.light.sunlight import irradiance
-from simulator.objects.standing import Standing
+from simulator.objects.standing import Standing, upright_rectangle
 from simulator.painting import Atmosphere, Canvas, composite, face_normals, paint_polygons, smoothstep
 
 PAINTS = {
@@ -123,22 +123,19 @@ def _car(body: str, paint: str) -> list[np.ndarray]:
     albedo[WINDOWS] = GLASS
     albedo[0] = PLASTIC
     rear, front, waist = rings[WAIST, 1], rings[WAIST - 1, 2], rings[WAIST, 0]
-    parts = [_part(cells, albedo.reshape(-1, 3)), _plate(rear - 0.07, (0.2, -0.2), (0.62, 0.75), PLATE)]
+    plate = upright_rectangle(rear - 0.07, (-0.2, 0.2), (0.62, 0.75))
+    parts = [_part(cells, albedo.reshape(-1, 3)), _part(plate, PLATE, 1)]
     for side in (-1, 1):
         inner, outer = (0.42, 0.72) if side > 0 else (-0.72, -0.42)
-        parts.append(_plate(rear - 0.05, (outer, inner), (waist - 0.12, waist + 0.04), TAIL_LAMP))
-        parts.append(_plate(front + 0.05, (inner, outer), (0.48, 0.62), HEADLAMP))
+        tail = upright_rectangle(rear - 0.05, (inner, outer), (waist - 0.12, waist + 0.04))
+        head = upright_rectangle(front + 0.05, (outer, inner), (0.48, 0.62))
+        parts += [_part(tail, TAIL_LAMP, 1), _part(head, HEADLAMP, 1)]
         flank = side * (rings[2, 3] + 0.01)
         for x in AXLES_M:
             parts.append(_box((x - 0.3, x + 0.3), sorted((0.8 * flank, flank)), (0.0, 0.6), RUBBER, -1))
             wheel = [(x + side * u, flank, z) for u, z in ((0.3, 0.1), (-0.3, 0.1), (-0.3, 0.5), (0.3, 0.5))]
             parts.append(_part(wheel, RUBBER, 1))
     return parts
-
-
-def _plate(x: float, y: tuple[float, float], z: tuple[float, float], albedo: tuple) -> np.ndarray:
-    """Vertical face on the body, from lateral y[0] to y[1]: it faces the front if these rise, else the rear."""
-    return _part([(x, y[0], z[0]), (x, y[1], z[0]), (x, y[1], z[1]), (x, y[0], z[1])], albedo, 1)
 
 
 def _truck(paint: str) -> list[np.ndarray]:

@@ -113,9 +113,8 @@ class Drive:
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""
-        pitch = self.camera.require_pose().pitch_rad + self.motion.pitch(time_s)
-        pose = self.pose(time_s)
-        return lane_truth(self.road, pose, self.line_laterals_m, time_s=time_s, pitch_rad=pitch)
+        pitch_rad = self.camera_at(time_s).require_pose().pitch_rad
+        return lane_truth(self.road, self.pose(time_s), self.line_laterals_m, time_s=time_s, pitch_rad=pitch_rad)
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose of the car at a time."""
@@ -129,11 +128,8 @@ class Drive:
 
     def camera_at(self, time_s: float) -> Camera:
         """Camera with the pitch at a time."""
-        return self.camera_at_pitch(self.truth(time_s).pitch_rad)
-
-    def camera_at_pitch(self, pitch_rad: float) -> Camera:
-        """Camera with a pitch angle, > 0 looks down."""
-        return self.camera.with_pose(replace(self.camera.require_pose(), pitch_rad=pitch_rad))
+        pose = self.camera.require_pose()
+        return self.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s)))
 
 
 @dataclass(frozen=True)

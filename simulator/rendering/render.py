@@ -15,7 +15,7 @@ from lanes.camera import Camera, save_camera
 from lanes.files import atomic_write, translate_write_errors
 from lanes.video.reader import inspect_video
 from simulator.backdrop import aerial_perspective, paint_backdrop
-from simulator.light.lens import LUMINANCE, RoadLight, develop
+from simulator.light.lens import LUMINANCE, develop, road_luminance
 from simulator.light.sunlight import (
     OVERCAST_LIGHT,
     SKY_SHARE,
@@ -38,7 +38,7 @@ from simulator.objects.scene_objects import (
 )
 from simulator.objects.standing import Tree
 from simulator.objects.vehicles import paint_bonnet
-from simulator.painting import Atmosphere, Canvas, split_channels
+from simulator.painting import Atmosphere, Canvas, blend, split_channels
 from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
 from simulator.road.ground import MAX_GROUND_M, Ground, RoadAhead, cast_on_ground, pixel_rays
@@ -92,7 +92,7 @@ class _View:
 def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     """Image of the drive's camera at `time_s`, with its ground truth."""
     truth = drive.truth(time_s)
-    camera, heading = drive.camera_at_pitch(truth.pitch_rad), truth.pose.absolute_heading(drive.road)
+    camera, heading = drive.camera_at(time_s), truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
     ground, sun_direction = cast_on_ground(pixel_rays(drive.camera), camera, ahead), drive.sun.direction(heading)
     objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
@@ -266,11 +266,9 @@ def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
     far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
     if daylight:
-        air = (1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))[..., None]
-        radiance[:far] += air * (AIR_LIGHT - radiance[:far])
+        blend(radiance[:far], AIR_LIGHT, 1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))
     share = np.clip((MAX_GROUND_M - ground.distance[:far]) / np.float32(MAX_GROUND_M / 2), 0, 1) * ground.visible[:far]
-    before = light[ground.top : ground.top + far]
-    before += share[..., None] * (radiance[:far] - before)
+    blend(light[ground.top : ground.top + far], radiance[:far], share)
     light[ground.top + far :] = radiance[far:]
 
 
@@ -279,10 +277,10 @@ def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: f
     seed, lens = drive.seed * 7919 + round(time_s * 1000), drive.lens
     if drive.rain:
         add_falling_drops(light, seed=seed)
-        light = add_windscreen_drops(light, time_s, seed=drive.seed)
+        add_windscreen_drops(light, time_s, seed=drive.seed)
     if drive.exposure is not None:
-        road = RoadLight(drive.surface, drive.shades, drive.seed)
-        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, road, time_s)
+        luminance = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
+        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, luminance, time_s)
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
 

@@ -137,6 +137,10 @@ class VehiclePose:
         """Heading of the car in the world, radians."""
         return float(road.heading(self.s_m)) + self.heading_rad
 
+    def turn_to(self, road: RoadGeometry, s_m: np.ndarray | float) -> np.ndarray:
+        """Heading of the road at arc lengths `s_m` relative to that of the car, radians."""
+        return road.heading(s_m) - self.absolute_heading(road)
+
 
 def offset_point(road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float) -> np.ndarray:
     """World points (..., 2) at road coordinates (s, d)."""
@@ -163,7 +167,7 @@ def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> 
     """
     s = _station_at_x(road, pose, lateral_m, np.array([0.0]))
     y = pose.to_car(road, offset_point(road, s, lateral_m))[0, 1]
-    angle = float(road.heading(s)[0]) - pose.absolute_heading(road)
+    angle = float(pose.turn_to(road, s)[0])
     stretch = 1 - float(road.curvature(s)[0]) * lateral_m
     curvature = float(road.curvature(s)[0]) / stretch
     rate = float(road.curvature_rate(s)[0]) / stretch**3
@@ -195,7 +199,7 @@ def surface_points(road: RoadGeometry, pose: VehiclePose, s_m: np.ndarray, later
 def _farthest_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m: float) -> float:
     """Largest x that the line reaches before it has turned by MAX_TURN_RAD, at most `until_m`."""
     s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
-    turned = np.abs(road.heading(s) - pose.absolute_heading(road)) > MAX_TURN_RAD
+    turned = np.abs(pose.turn_to(road, s)) > MAX_TURN_RAD
     if not turned.any():
         return until_m
     x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[:, 0]
@@ -207,7 +211,7 @@ def _station_at_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: 
     s = pose.s_m + x_m
     for _ in range(30):
         x = pose.to_car(road, offset_point(road, s, lateral_m))[:, 0]
-        slope = np.cos(road.heading(s) - pose.absolute_heading(road)) * (1 - road.curvature(s) * lateral_m)
+        slope = np.cos(pose.turn_to(road, s)) * (1 - road.curvature(s) * lateral_m)
         step = (x_m - x) / np.maximum(slope, 0.1)
         s = s + step
         if np.abs(step).max(initial=0.0) < 1e-10:

@@ -5,13 +5,16 @@ On a road with a vertical profile the rays are cast onto the relief, where crest
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
+from typing import Any
 
 import cv2
 import numpy as np
 
 from lanes.camera import Camera
+from simulator.painting import fade, sample_noise
 from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 
 # A road with curvature above this is winding: mountain roads are, motorways and country roads are not.
@@ -43,7 +46,7 @@ class RoadAhead:
 
     def __init__(self, road: RoadGeometry, pose: VehiclePose) -> None:
         s = np.arange(-BEHIND_M, AHEAD_M + self.STEP_M, self.STEP_M)
-        angle = road.heading(pose.s_m + s) - pose.absolute_heading(road)
+        angle = pose.turn_to(road, pose.s_m + s)
         turned = np.flatnonzero((np.abs(angle) > MAX_TURN_RAD) & (s > 0))
         sharpest = np.abs(road.curvature(pose.s_m + s[s < WINDING_AHEAD_M])).max()
         self.winding = bool(len(turned)) and sharpest > WINDING_PER_M
@@ -198,12 +201,9 @@ class Ground:
     d_u: np.ndarray
     d_v: np.ndarray
 
-    def pixels_between(self, low_m: float, high_m: float, lateral_m: np.ndarray | None = None) -> np.ndarray:
-        """Indices into the raveled arrays of the pixels that overlap the strip d = low_m..high_m.
-
-        `lateral_m` (rows, width) replaces d for strips that are not parallel to the road.
-        """
-        right, left = self._sides if lateral_m is None else (lateral_m - self._half_d, lateral_m + self._half_d)
+    def pixels_between(self, low_m: float, high_m: float) -> np.ndarray:
+        """Indices into the raveled arrays of the pixels that overlap the strip d = low_m..high_m."""
+        right, left = self._sides
         # OpenCV's stubs miss scalars
         near = cv2.compare(left, float(low_m), cv2.CMP_GE)  # type: ignore[call-overload]
         near &= cv2.compare(right, float(high_m), cv2.CMP_LE)  # type: ignore[call-overload]
@@ -211,10 +211,27 @@ class Ground:
         near &= self.visible.view(np.uint8)
         return np.flatnonzero(near.view(bool))
 
-    def crop(self, cut: slice, columns: slice = slice(None)) -> Ground:
-        """Part of the rows and columns (views, no copies)."""
-        arrays = {f.name: getattr(self, f.name)[cut, columns] for f in fields(self)[2:]}
-        return replace(self, top=self.top + (cut.start or 0), **arrays)
+    def rows(self, cut: slice) -> Ground:
+        """Part of the rows (views, no copies)."""
+        return replace(self._map(lambda array: array[cut]), top=self.top + (cut.start or 0))
+
+    def at(self, pixels: np.ndarray) -> Ground:
+        """Ground of which the arrays (K,) hold only the pixels at these indices into the raveled arrays."""
+        return self._map(lambda array: array.ravel()[pixels])
+
+    def _map(self, function: Callable[[np.ndarray], np.ndarray]) -> Ground:
+        arrays: dict[str, Any] = {f.name: function(getattr(self, f.name)) for f in fields(self)[2:]}
+        return replace(self, **arrays)
+
+    def noise(
+        self, seed: int, wave_m: tuple[float, float], *, octaves: int = 1, fading_m: float = 0.0, shift_m: float = 0.0
+    ) -> np.ndarray:
+        """`sample_noise` fixed to the road, averaged over footprints as a wave of length `fading_m` is; 0: not at all.
+
+        Noise of one seed is independent where `shift_m`, which is added to d, differs by some wavelengths.
+        """
+        noise = sample_noise(seed, self.along, self.d + np.float32(shift_m), wave_m, octaves=octaves)
+        return noise * fade(self.footprint_s, fading_m) if fading_m else noise
 
     @cached_property
     def along(self) -> np.ndarray:
@@ -232,21 +249,17 @@ class Ground:
         return np.abs(self.d_u) + np.abs(self.d_v)
 
     @cached_property
-    def _half_d(self) -> np.ndarray:
-        return self.footprint_d / 2
-
-    @cached_property
     def _sides(self) -> tuple[np.ndarray, np.ndarray]:
         """Right and left ends of the footprint, cached because every marking needs them."""
-        return self.d - self._half_d, self.d + self._half_d
+        return self.d - self.footprint_d / 2, self.d + self.footprint_d / 2
 
 
 @lru_cache(maxsize=2)
-def pixel_rays(camera: Camera) -> np.ndarray:
-    """Ray directions (height, width, 3) float32 of all raw pixels, in camera axes with z = 1; cached for each lens."""
+def pixel_rays(camera: Camera, dtype: type = np.float32) -> np.ndarray:
+    """Ray directions (height, width, 3) of all raw pixels, in camera axes with z = 1; cached for each lens."""
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
     rays = camera.rays(np.column_stack([u.ravel(), v.ravel()]))
-    return rays.reshape(camera.height, camera.width, 3).astype(np.float32)
+    return rays.reshape(camera.height, camera.width, 3).astype(dtype)
 
 
 def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import cv2
 import numpy as np
 
-from simulator.painting import band_noise_tile, blend_pixels, fade, sample, sample_noise
+from simulator.painting import blend_pixels, sample
 from simulator.road.ground import Ground, dash_coverage, strip_coverage
 
 # Linear reflectance relative to fresh white paint.
@@ -80,14 +80,13 @@ class Marking:
         """
         low, high = min(e[0] for e in self.stripes), max(e[1] for e in self.stripes)
         start, end = np.float32(self.start_m - ground.station_m), np.float32(self.end_m - ground.station_m)
-        lateral = ground.d - np.float32(self.slope) * (ground.s - start) if self.slope else ground.d
-        pixels = ground.pixels_between(low, high, lateral if self.slope else None)
-        d, d_u, d_v = (array.ravel()[pixels] for array in (lateral, ground.d_u, ground.d_v))
-        if self.slope:
-            d_u, d_v = (step - np.float32(self.slope) * along.ravel()[pixels] for step, along in
-                        ((d_u, ground.s_u), (d_v, ground.s_v)))  # fmt: skip
-        share: Any = sum(strip_coverage(d, d_u, d_v, *edges) for edges in self.stripes)
-        s, footprint = ground.s.ravel()[pixels], ground.footprint_s.ravel()[pixels]
+        if slope := np.float32(self.slope):
+            ground = replace(ground, d=ground.d - slope * (ground.s - start))
+        pixels = ground.pixels_between(low, high)
+        part = ground.at(pixels)
+        s, footprint = part.s, part.footprint_s
+        d_u, d_v = part.d_u - slope * part.s_u, part.d_v - slope * part.s_v
+        share: Any = sum(strip_coverage(part.d, d_u, d_v, *edges) for edges in self.stripes)
         if self.dashed:
             period = sum(self.dash_m)
             s_dash = s + np.float32((ground.station_m - self.phase_m) % period)
@@ -129,15 +128,15 @@ class Symbol:
         inside = (ground.s > near - margin) & (ground.s < far + margin) & ground.visible
         inside &= np.abs(ground.d - np.float32(self.lateral_m)) < np.float32(self.width_m / 2 + 0.1)
         pixels = np.flatnonzero(inside)
+        part = ground.at(pixels)
         if not len(pixels):
-            return pixels, np.zeros(0, np.float32)
-        s, d = ground.s.ravel()[pixels], ground.d.ravel()[pixels]
+            return pixels, part.s
         levels = _stencil(self.kind, self.length_m, self.width_m)
         # Footprints are much longer than wide, so only the rows are averaged.
-        footprint_px = np.median(margin.ravel()[pixels]) * ALONG_PX_PER_M
+        footprint_px = np.median(part.footprint_s) * ALONG_PX_PER_M
         level = int(np.clip(np.rint(np.log2(max(footprint_px, 1.0))), 0, len(levels) - 1))
-        row = ((far - s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
-        column = (left - d) * np.float32(ACROSS_PX_PER_M)
+        row = ((far - part.s) * np.float32(ALONG_PX_PER_M) + np.float32(0.5)) / np.float32(2**level) - np.float32(0.5)
+        column = (left - part.d) * np.float32(ACROSS_PX_PER_M)
         return pixels, sample(levels[level], column + 4, row + 4)
 
 
@@ -148,19 +147,17 @@ def paint_markings(albedo: np.ndarray, markings: Sequence[Marking | Symbol], gro
         if not len(pixels):
             continue
         if marking.wear:
-            coverage = coverage * worn(marking.wear, ground, pixels, seed + number)
+            coverage = coverage * worn(marking.wear, ground.at(pixels), seed + number)
         colour = np.array(marking.colour, np.float32)
         blend_pixels(albedo, pixels, coverage, colour)
         if isinstance(marking, Marking) and marking.dots:
             blend_pixels(albedo, *_dots(marking).coverage(ground), colour)
 
 
-def worn(wear: float, ground: Ground, pixels: np.ndarray, seed: int) -> np.ndarray:
-    """Share (K,) of paint left at the given pixels after wear by chips and tyres; `wear` as in Marking."""
-    s, d = (array.ravel()[pixels] for array in (ground.along, ground.d))
-    tile = band_noise_tile(seed)
-    chips = sample_noise(tile, s, d, wave_s_m=0.10, wave_d_m=0.05) * fade(ground.footprint_s.ravel()[pixels], 0.10)
-    broad = sample_noise(tile, s, d + 3, wave_s_m=2.5, wave_d_m=0.6) * fade(ground.footprint_s.ravel()[pixels], 2.5)
+def worn(wear: float, ground: Ground, seed: int) -> np.ndarray:
+    """Share of paint left on the ground after wear by chips and tyres; `wear` as in Marking."""
+    chips = ground.noise(seed, (0.10, 0.05), fading_m=0.10)
+    broad = ground.noise(seed, (2.5, 0.6), fading_m=2.5, shift_m=3)
     lost = np.clip((chips * 0.8 + broad * 0.7 - 1.6) * 0.9 + 1.5 * wear, 0, 1) * min(1.0, 3 * wear)
     return (1 - 0.12 * wear) * (1 - np.float32(0.85) * lost)
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from simulator.painting import band_noise_tile, blend_pixels, fade, sample_noise
+from simulator.painting import blend_pixels, fade, sample_noise
 from simulator.road.ground import Ground, dash_coverage, edge_coverage, strip_coverage
 
 TAR = (0.028, 0.027, 0.029)
@@ -124,8 +124,8 @@ def ground_albedo(surface: Surface, ground: Ground, *, seed: int) -> np.ndarray:
     return albedo
 
 
-def _noise_layers(surface: Surface, ground: Ground, seed: int) -> list[np.ndarray]:
-    """Noise (rows, width) shared by all materials: grain, blotch, stain, streak, and the wear track and oil.
+def _noise_layers(surface: Surface, ground: Ground, seed: int) -> np.ndarray:
+    """Noise (6, rows, width) shared by all materials: grain, blotch, stain, streak, and the wear track and oil.
 
     Each has about unit strength near the car, and is attenuated by the footprint.
     """
@@ -137,20 +137,18 @@ def _noise_layers(surface: Surface, ground: Ground, seed: int) -> list[np.ndarra
         first = int(np.argmax(near)) if near.any() else len(s)
         if first < len(s):
             # Stretched along the road, because the car moves 2 to 3 cm during the exposure.
-            tile = band_noise_tile(seed + number)
-            part = sample_noise(tile, s[first:], ground.d[first:], wave_s_m=2 * wave, wave_d_m=wave)
-            grain[first:] += part * fade(footprint[first:], wave) * np.float32(strength)
-    tile = band_noise_tile(seed + 7, octaves=4)
+            near_ground = ground.rows(slice(first, None))
+            grain[first:] += near_ground.noise(seed + number, (2 * wave, wave), fading_m=wave) * np.float32(strength)
     # Stains are stretched in the direction of travel.
-    blotch = sample_noise(tile, s, ground.d, wave_s_m=2.2, wave_d_m=0.45) * fade(footprint, 10.0)
-    streak = sample_noise(band_noise_tile(seed + 8, octaves=3), s, ground.d, wave_s_m=18.0, wave_d_m=0.22)
+    blotch = ground.noise(seed + 7, (2.2, 0.45), octaves=4, fading_m=10.0)
+    streak = ground.noise(seed + 8, (18.0, 0.22), octaves=3) * fade(ground.footprint_d, 0.3)
     track, oil = _wear_profiles(surface, ground.d)
-    uneven = 1 + np.float32(0.35) * sample_noise(tile, s, ground.d, wave_s_m=6.0, wave_d_m=1.3)
-    spots = sample_noise(band_noise_tile(seed + 9, octaves=3), s, ground.d, wave_s_m=0.7, wave_d_m=0.16)
+    uneven = 1 + np.float32(0.35) * ground.noise(seed + 7, (6.0, 1.3), octaves=4)
+    spots = ground.noise(seed + 9, (0.7, 0.16), octaves=3)
     # Oil and rubber lie in the wheel tracks, so dark areas have more spots.
     stain = np.clip(spots - 1.1 + np.float32(0.35) * blotch + np.float32(0.3) * (oil + track), 0, 1.5)
     stain *= fade(footprint, 6.0)
-    return [grain, blotch, stain, streak * fade(ground.footprint_d, 0.3), track * uneven, oil * uneven]
+    return np.stack([grain, blotch, stain, streak, track * uneven, oil * uneven])
 
 
 def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -167,26 +165,25 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> tuple[np.ndarray, np.ndar
     return track, oil
 
 
-def _pavement(surface: Surface, ground: Ground, layers: list[np.ndarray]) -> np.ndarray:
-    """Reflectance of the zones, each computed only in the rows that show it."""
+def _pavement(surface: Surface, ground: Ground, layers: np.ndarray) -> np.ndarray:
+    """Reflectance (rows, width, 3) of the zones, each computed only in the rows that show it."""
     s, zones = ground.along, sorted(surface.zones, key=lambda zone: zone.start_m)
-    started = [z for z in zones if z.start_m < s.min() - 10]
-    albedo = _material((started or zones)[-1 if started else 0].material, ground, layers)
-    for zone in zones[len(started) if started else 1 :]:
-        beyond = np.flatnonzero((s > zone.start_m - 10).any(axis=1))
-        if not len(beyond):
-            break
-        cut = slice(0, beyond[-1] + 1)
-        part, part_layers = ground.crop(cut), [layer[cut] for layer in layers]
+    first = max(sum(zone.start_m < s.min() - 10 for zone in zones), 1)
+    albedo = cv2.merge([*_material(zones[first - 1].material, ground, layers)])
+    for zone in zones[first:]:
+        rows = (s > zone.start_m - 10).any(axis=1, keepdims=True)
+        pixels = np.flatnonzero(np.broadcast_to(rows, s.shape))
+        part, part_layers = ground.at(pixels), _at(pixels, layers)
         # The edge is irregular by a few centimetres.
         t = part.along - np.float32(zone.start_m) - np.float32(zone.skew) * part.d
         t += np.float32(0.05) * part_layers[BLOTCH]
-        _blend(albedo[cut], zone.material, part, part_layers, edge_coverage(t, part.s_u, part.s_v))
+        share = edge_coverage(t, part.s_u, part.s_v)
+        blend_pixels(albedo, pixels, share, _material(zone.material, part, part_layers))
     return albedo
 
 
-def _material(name: str, ground: Ground, layers: list[np.ndarray]) -> np.ndarray:
-    """Reflectance (rows, width, 3) of a material."""
+def _material(name: str, ground: Ground, layers: np.ndarray) -> np.ndarray:
+    """Reflectance (3, ...) of a material on ground (...), with the noise layers (6, ...) there."""
     material, (grain, blotch, stain, streak, track, oil) = MATERIALS[name], layers
     tone = 1 + np.float32(material.grain) * grain + np.float32(material.blotch) * blotch
     tone += np.float32(material.streak) * streak - np.float32(material.stain) * stain
@@ -194,35 +191,25 @@ def _material(name: str, ground: Ground, layers: list[np.ndarray]) -> np.ndarray
     if material.slab_m:
         joint = dash_coverage(ground.along, ground.footprint_s, 0.02, material.slab_m)
         tone -= np.float32(0.35) * joint
-    np.maximum(tone, np.float32(0.25), out=tone)
-    return cv2.merge([tone * np.float32(channel) for channel in material.colour])
+    return np.multiply.outer(np.array(material.colour, np.float32), np.maximum(tone, np.float32(0.25)))
 
 
-def _blend(below: np.ndarray, name: str, ground: Ground, layers: list[np.ndarray], share: np.ndarray) -> None:
-    """Blend a material over the reflectance `below` with opacity `share`, in place."""
-    above = _material(name, ground, layers)
-    above -= below
-    # cv2.merge, because numpy is slow where the innermost axis has three elements.
-    above *= cv2.merge([share] * 3)
-    below += above
+def _at(pixels: np.ndarray, layers: np.ndarray) -> np.ndarray:
+    """Noise layers (6, K) at indices (K,) into the raveled rows and columns."""
+    return layers.reshape(len(layers), -1)[:, pixels]
 
 
-def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, layers: list[np.ndarray]) -> None:
-    # Only the rows and columns that show the patch, because a parking stall fills 2 % of the image.
-    margin_s, margin_d = (half / 2 + np.float32(EDGE_NOISE_M) for half in (ground.footprint_s, ground.footprint_d))
-    start, end = np.float32(patch.start_m), np.float32(patch.end_m)
-    near: np.ndarray = cv2.inRange(ground.along, start - margin_s, end + margin_s)
-    near &= cv2.inRange(ground.d, np.float32(patch.low_m) - margin_d, np.float32(patch.high_m) + margin_d)
-    rows, columns = (np.flatnonzero(near.any(axis=axis)) for axis in (1, 0))
-    if not len(rows):
-        return
-    cut = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-    part, layers = ground.crop(*cut), [layer[cut] for layer in layers]
+def _paint_patch(albedo: np.ndarray, patch: Patch, ground: Ground, layers: np.ndarray) -> None:
+    pixels = ground.pixels_between(patch.low_m - EDGE_NOISE_M, patch.high_m + EDGE_NOISE_M)
+    # A parking stall fills 2 % of the image.
+    along, reach = ground.along.ravel()[pixels], ground.footprint_s.ravel()[pixels] / 2 + EDGE_NOISE_M
+    pixels = pixels[(along + reach > patch.start_m) & (along - reach < patch.end_m)]
+    part, layers = ground.at(pixels), _at(pixels, layers)
     wobble = np.float32(0.03) * layers[BLOTCH]
-    ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None, None]
+    ends = np.array([patch.start_m, patch.end_m], np.float32)[:, None]
     beyond_start, beyond_end = edge_coverage(part.along - ends + wobble, part.s_u, part.s_v)
     share = (beyond_start - beyond_end) * strip_coverage(part.d + wobble, part.d_u, part.d_v, patch.low_m, patch.high_m)
-    _blend(albedo[cut], patch.material, part, layers, share)
+    blend_pixels(albedo, pixels, share, _material(patch.material, part, layers))
 
 
 def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, seed: int) -> None:
@@ -230,15 +217,13 @@ def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, seed: int) -> No
     pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
     along = ground.along.ravel()[pixels]
     pixels = pixels[(along > seam.start_m) & (along < seam.end_m)]
-    if not len(pixels):
-        return
-    d, d_u, d_v, along = (array.ravel()[pixels] for array in (ground.d, ground.d_u, ground.d_v, ground.along))
-    tile = band_noise_tile(seed, octaves=3)
-    bend, thick = (sample_noise(tile, along, np.full_like(along, d0), wave_s_m=2.4, wave_d_m=1.0) for d0 in (0, 31))
+    part = ground.at(pixels)
+    middle = np.zeros_like(part.d)
+    bend, thick = (sample_noise(seed, part.along, middle + d, (2.4, 1.0), octaves=3) for d in (0, 31))
     width = np.float32(seam.width_m) * (1 + np.float32(0.4) * np.clip(thick, -2, 2))
-    offset = d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
-    d_u = np.abs(d_u) + np.float32(seam.soft_m)
-    beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, d_v)
+    offset = part.d - np.float32(seam.lateral_m) - np.float32(seam.wander_m) * bend
+    d_u = np.abs(part.d_u) + np.float32(seam.soft_m)
+    beyond_low, beyond_high = edge_coverage(offset + np.stack([width, -width]) / 2, d_u, part.d_v)
     share = np.clip(beyond_low - beyond_high, 0, 1) * np.float32(seam.strength)
     blend_pixels(albedo, pixels, share, np.array(seam.colour, np.float32))
 
@@ -247,16 +232,12 @@ def _paint_verge(albedo: np.ndarray, surface: Surface, ground: Ground, blotch: n
     """Paint the ground next to the pavement onto the reflectance, in place; `blotch` (rows, width) is noise."""
     beyond = np.maximum(ground.d - np.float32(surface.left_edge_m), np.float32(surface.right_edge_m) - ground.d)
     pixels = np.flatnonzero(beyond > -ground.footprint_d - np.float32(DUST_REACH_M))
-    if not len(pixels):
-        return
-    arrays = (ground.along, ground.d, ground.d_u, ground.d_v, ground.footprint_s, beyond)
-    s, d, d_u, d_v, footprint, beyond = (array.ravel()[pixels] for array in arrays)
-    cloudy = band_noise_tile(seed, octaves=4)
-    rough = sample_noise(cloudy, s, d, wave_s_m=0.5, wave_d_m=0.3) * fade(footprint, 3.0)
-    broad = sample_noise(cloudy, s, d + 5, wave_s_m=5.0, wave_d_m=1.8) * fade(footprint, 30.0)
-    fine = sample_noise(band_noise_tile(seed + 1), s, d, wave_s_m=0.12, wave_d_m=0.07) * fade(footprint, 0.2)
-    tufts = sample_noise(band_noise_tile(seed + 2), s, d, wave_s_m=0.6, wave_d_m=0.22)
-    tufts = np.minimum(tufts, 0.6) * fade(footprint, 1.5)
+    ground, beyond = ground.at(pixels), beyond.ravel()[pixels]
+    d_u, d_v = ground.d_u, ground.d_v
+    rough = ground.noise(seed, (0.5, 0.3), octaves=4, fading_m=3.0)
+    broad = ground.noise(seed, (5.0, 1.8), octaves=4, fading_m=30.0, shift_m=5)
+    fine = ground.noise(seed + 1, (0.12, 0.07), fading_m=0.2)
+    tufts = np.minimum(ground.noise(seed + 2, (0.6, 0.22)), 0.6) * fade(ground.footprint_s, 1.5)
     # Dry grass in tufts, with bare soil and dark gaps; its border follows the tufts.
     grass = VERGE_GRASS[:, None] * (1 + 0.20 * broad)
     grass += np.clip(0.35 * broad - 0.2, 0, 0.6) * (DIRT[:, None] - grass)
@@ -268,7 +249,7 @@ def _paint_verge(albedo: np.ndarray, surface: Surface, ground: Ground, blotch: n
     if surface.opposite_m is not None:
         # Plain asphalt, because barriers hide most of it.
         asphalt = np.array(MATERIALS["asphalt"].colour, np.float32)[:, None] * (1 + 0.1 * blotch.ravel()[pixels])
-        verge += strip_coverage(d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
+        verge += strip_coverage(ground.d, d_u, d_v, *surface.opposite_m) * (asphalt - verge)
     share = edge_coverage(beyond + np.float32(0.02) * rough + np.float32(0.04) * broad, d_u, d_v)
     dust = np.clip(1 + beyond / np.float32(DUST_REACH_M), 0, 1) ** 2 * np.maximum(1 + 0.5 * rough + 0.3 * broad, 0)
     share += (1 - share) * np.float32(DUST_SHARE) * dust

@@ -129,7 +129,7 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     # Equal steps in 1/x are equal steps in image rows.
     ahead = 1 / np.linspace(1 / 2.0, 1 / 600.0, 6000)
     s = truth.pose.s_m + ahead
-    turned = np.abs(truth.road.heading(s) - truth.pose.absolute_heading(truth.road)) > MAX_TURN_RAD
+    turned = np.abs(truth.pose.turn_to(truth.road, s)) > MAX_TURN_RAD
     s = s[: int(np.argmax(turned))] if turned.any() else s
     points = surface_points(truth.road, truth.pose, s, truth.laterals_m[side])
     pixels = camera.road_to_pixels(points)
@@ -137,8 +137,11 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     if not len(pixels):
         return np.full(len(H_SAMPLES), NOT_VISIBLE)
     # Only points above all nearer ones are kept: parts hidden by a crest are lower in the image than the crest.
-    rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
-    u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
+    kept = np.flatnonzero(np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1])
+    u = np.interp(-H_SAMPLES, -pixels[kept, 1], pixels[kept, 0], left=np.nan, right=np.nan)
+    # Between the crest and the road that appears behind it there is no line.
+    piece = np.searchsorted(-pixels[kept, 1], -H_SAMPLES).clip(1, len(kept)) - 1
+    u[np.append(np.diff(kept) > 1, False)[piece]] = np.nan
     outside = np.isnan(u) | (u < 0) | (u > camera.width - 1) | (camera.height <= H_SAMPLES)
     return np.where(outside, NOT_VISIBLE, u)
 

@@ -1,4 +1,4 @@
-"""Road markings: width and place of single and double lines, dashes, Botts' dots, limited and oblique lines."""
+"""Road markings: coverage, width and place of double lines, dashes, Botts' dots, limited and oblique lines."""
 
 from __future__ import annotations
 
@@ -11,7 +11,27 @@ from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.ground import RoadAhead, cast_on_ground, pixel_rays
 from simulator.road.markings import Marking, paint_markings
 from simulator.scenes.freeway import DASHCAM
-from tests.simulator.small_drive import POSE
+from tests.simulator.small_drive import POSE, SMALL
+
+
+@pytest.mark.parametrize(("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)])
+def test_coverage_is_the_share_of_rays_that_meet_paint(dashed, worst, mean):
+    """It is exact along a line, and approximate where a dash ends at a pixel on the edge of the line."""
+    ahead = RoadAhead(RoadGeometry([0.0, 300.0], [1 / 300, 1 / 300]), VehiclePose(50.0, 0.3, 0.01))
+    ground = cast_on_ground(pixel_rays(SMALL), SMALL, ahead)
+    pixels, coverage = Marking(-1.8, 0.12, dashed=dashed, phase_m=1.0).coverage(ground)
+    got = np.zeros((SMALL.height, SMALL.width), np.float32)
+    got[ground.top :].ravel()[pixels] = coverage
+    # The line from 15 m to 40 m ahead is in this window; each of its pixels has 17 x 17 rays.
+    rows, columns, n = slice(197, 232), slice(335, 425), 17
+    v, u = (np.arange(part.start * n, part.stop * n) / n + 0.5 / n - 0.5 for part in (rows, columns))
+    points = SMALL.pixels_to_road(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)).astype(np.float32)
+    s, d = (place.reshape(len(v), len(u)) for place in ahead.locate(*points.T))
+    painted = (np.abs(d + 1.8) < 0.06) & (((s + 49.0) % 12.2 < 3.05) | (not dashed))
+    expected = painted.reshape(len(v) // n, n, -1, n).mean(axis=(1, 3))
+    assert expected.max() == 1.0
+    off = np.abs(got[rows, columns] - expected)
+    assert off.mean() < mean and off.max() < worst
 
 
 def stripes_at(markings: tuple[Marking, ...], x_m: float) -> list[tuple[float, float]]:

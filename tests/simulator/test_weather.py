@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 
-from simulator.light.lens import AutoExposure, RoadLight
+from simulator.light.lens import AutoExposure, road_luminance
 from simulator.objects.scene_objects import shadow_polygons
 from simulator.objects.standing import Post
 from simulator.objects.walls import Overpass
@@ -39,7 +40,7 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
         motion=Motion(0.0, 400.0),
         exposure=AutoExposure(0.8),
     )
-    light = RoadLight(drive.surface, drive.shades, drive.seed)
+    light = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
 
     def adapted(time_s: float) -> float:
         return np.log2(drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, light, time_s))
