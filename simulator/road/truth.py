@@ -137,11 +137,8 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     if not len(pixels):
         return np.full(len(H_SAMPLES), NOT_VISIBLE)
     # Only points above all nearer ones are kept: parts hidden by a crest are lower in the image than the crest.
-    kept = np.flatnonzero(np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1])
-    u = np.interp(-H_SAMPLES, -pixels[kept, 1], pixels[kept, 0], left=np.nan, right=np.nan)
-    # Between the crest and the road that appears behind it there is no line.
-    piece = np.searchsorted(-pixels[kept, 1], -H_SAMPLES).clip(1, len(kept)) - 1
-    u[np.append(np.diff(kept) > 1, False)[piece]] = np.nan
+    rising = np.maximum.accumulate(-pixels[:, 1]) <= -pixels[:, 1]
+    u = np.interp(-H_SAMPLES, -pixels[rising, 1], pixels[rising, 0], left=np.nan, right=np.nan)
     outside = np.isnan(u) | (u < 0) | (u > camera.width - 1) | (camera.height <= H_SAMPLES)
     return np.where(outside, NOT_VISIBLE, u)
 
