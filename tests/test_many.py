@@ -32,8 +32,7 @@ from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import annotate_many
 from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
-from tests.support.avi_file import encode_chunks, write_avi
-from tests.support.clips import write_drive
+from tests.support.clips import encode, write_drive
 from tests.support.command_line import start
 from tests.support.onnx_file import threshold, write_model
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
@@ -149,9 +148,8 @@ def test_failed_drives_do_not_stop_the_others_and_come_first_in_the_table(
     drives, tmp_path, in_this_process, monkeypatch
 ):
     """Two frames of the grey road, which has no lane, are missing."""
-    image = np.full((432, 768, 3), 128, np.uint8)
-    chunks, _ = encode_chunks(dict.fromkeys((0, 1, 4, 5, 6), image), "mjpeg", "yuvj420p")
-    grey = write_avi(tmp_path / "a grey=road.avi", [chunks.get(n, b"") for n in range(7)], "MJPG", (768, 432))
+    images = [np.full((432, 768, 3), 128, np.uint8)] * 5
+    grey = encode(tmp_path / "a grey=road.avi", images, "mjpeg", "yuvj420p", numbers=(0, 1, 4, 5, 6))
     videos, output = [*videos_in(drives)[:2], grey, tmp_path / "empty.mp4"], tmp_path / "out"
     videos[3].touch()
     monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v != videos[1] else 1 / 0)

@@ -13,7 +13,8 @@ from lanes.images import MAX_PIXELS
 from lanes.video import reader
 from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
 from lanes.video.writer import process_video
-from tests.video.sample_videos import encode, make_video, number_of, numbered, unchanged
+from tests.support.clips import encode
+from tests.video.sample_videos import make_video, number_of, numbered, unchanged
 
 PLAYLISTS = {
     "dash": '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from fractions import Fraction
 
 import av
@@ -13,66 +12,46 @@ from lanes.errors import VideoError
 from lanes.images import as_stored, make_upright
 from lanes.video.reader import inspect_video, read_timed_frames, read_video
 from lanes.video.writer import process_video
-from tests.video.sample_videos import (
-    NTSC,
-    SIZE,
-    add_tone,
-    encode,
-    make_video,
-    number_of,
-    numbered,
-    set_matrix,
-    set_rotation,
-    unchanged,
-)
+from tests.support.clips import add_tone, encode
+from tests.video.sample_videos import NTSC, SIZE, make_video, number_of, numbered, set_matrix, set_rotation, unchanged
 
 FRAMES = 6
 
 
-@dataclass(frozen=True)
-class Format:
-    """How to encode a video; `bars_px` is the height of the black bars above and below the image."""
-
-    suffix: str
-    codec: str
-    pixels: str = "yuv420p"
-    options: dict[str, str] = field(default_factory=dict)
-    fps: int = 30
-    size: tuple[int, int] = SIZE
-    bars_px: int = 0
-
-
+# Suffix of a file, and how to encode it.
 FORMATS = {
-    "HEVC 10 bit": Format("mp4", "libx265", "yuv420p10le", {"preset": "ultrafast", "x265-params": "log-level=none"}),
-    "VP9": Format("webm", "libvpx-vp9", options={"deadline": "realtime", "cpu-used": "8"}),
-    "AV1": Format("mp4", "libsvtav1", options={"preset": "12"}),
-    "MJPEG": Format("avi", "mjpeg", "yuvj420p"),
-    "interlaced": Format("mp4", "libx264", options={"x264-params": "tff=1"}),
-    "4:4:4": Format("mp4", "libx264", "yuv444p"),
-    "gray 16 bit": Format("mkv", "ffv1", "gray16le"),
-    "alpha": Format("mov", "png", "rgba"),
-    "240 fps": Format("mp4", "libx264", fps=240),
-    "portrait": Format("mp4", "libx264", size=(160, 284)),
-    "letterbox": Format("mp4", "libx264", bars_px=16),
+    "HEVC 10 bit": ("mp4", "libx265", "yuv420p10le", {"preset": "ultrafast", "x265-params": "log-level=none"}),
+    "VP9": ("webm", "libvpx-vp9", "yuv420p", {"deadline": "realtime", "cpu-used": "8"}),
+    "AV1": ("mp4", "libsvtav1", "yuv420p", {"preset": "12"}),
+    "MJPEG": ("avi", "mjpeg", "yuvj420p", {}),
+    "interlaced": ("mp4", "libx264", "yuv420p", {"x264-params": "tff=1"}),
+    "4:4:4": ("mp4", "libx264", "yuv444p", {}),
+    "gray 16 bit": ("mkv", "ffv1", "gray16le", {}),
+    "alpha": ("mov", "png", "rgba", {}),
+    "240 fps": ("mp4", "libx264", "yuv420p", {}),
+    "portrait": ("mp4", "libx264", "yuv420p", {}),
+    "letterbox": ("mp4", "libx264", "yuv420p", {}),
 }
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_formats_of_phones_and_dashcams(tmp_path, name):
     """Every frame once and in order, at the rate and in the size of the source."""
-    made, path = FORMATS[name], tmp_path / f"drive.{FORMATS[name].suffix}"
-    if made.codec not in av.codecs_available:
-        pytest.skip(f"this build of PyAV has no encoder {made.codec}")
-    bars = ((made.bars_px, made.bars_px), (0, 0), (0, 0))
-    images = [np.pad(numbered(number, made.size), bars) for number in range(FRAMES)]
-    encode(path, images, made.codec, made.pixels, fps=made.fps, options=made.options)
+    suffix, codec, pixels, options = FORMATS[name]
+    if codec not in av.codecs_available:
+        pytest.skip(f"this build of PyAV has no encoder {codec}")
+    fps = 240 if "fps" in name else 30
+    bars_px = 16 if name == "letterbox" else 0  # above and below the image
+    size = (160, 284) if name == "portrait" else SIZE
+    images = [np.pad(numbered(number, size), ((bars_px, bars_px), (0, 0), (0, 0))) for number in range(FRAMES)]
+    path = encode(tmp_path / f"drive.{suffix}", images, codec, pixels, fps=fps, options=options)
     process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     for file in (path, tmp_path / "out.mp4"):
         info, frames = inspect_video(file), list(read_video(file))
-        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, made.fps)
+        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, fps)
         assert (frames[0].shape, frames[0].dtype) == (images[0].shape, np.uint8)
-        assert [number_of(frame[: len(frame) - made.bars_px]) for frame in frames] == list(range(FRAMES))
-        assert made.bars_px == 0 or frames[3][: made.bars_px - 2].max() < 30
+        assert [number_of(frame[: len(frame) - bars_px]) for frame in frames] == list(range(FRAMES))
+        assert bars_px == 0 or frames[3][: bars_px - 2].max() < 30
         assert "gray" not in name or np.ptp(frames[0].astype(int), axis=2).max() <= 2
 
 
@@ -85,7 +64,7 @@ def test_videos_without_frames_and_sound_without_video(tmp_path, suffix, hollow)
             stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
             container.start_encoding()
         else:
-            add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.2)
+            add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.0, 0.2)
     sentence = r"hollow\..*holds no frame" if hollow else "holds no frame of a video .its streams: audio"
     with pytest.raises(VideoError, match=sentence):
         inspect_video(path)
