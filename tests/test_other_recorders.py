@@ -7,6 +7,7 @@ import re
 import shutil
 import sqlite3
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import av
@@ -14,7 +15,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 
 from lanes.camera import save_camera
 from lanes.drive import DriveSettings
@@ -90,11 +90,20 @@ JPEG_TINY = [{"data": cv2.imencode(".jpg", image)[1].tobytes(), "format": "jpeg"
     ("kind", "encoding", "rows"),
     [("CompressedImage", "protobuf", JPEG_TINY), ("RawImage", "json", RAW_TINY), ("RawImage", "cdr", RAW_TINY)],
 )
-def test_images_of_foxglove_are_read(tmp_path, recorders, kind, encoding, rows):
-    topic = recorders.foxglove_topic(kind, encoding, STAMPS, rows)
-    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
+def test_images_and_calibrations_of_foxglove_are_read(tmp_path, recorders, kind, encoding, rows):
+    lens = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": SMALL.distortion.tolist()}
+    lens |= {"K": SMALL.matrix.ravel().tolist()}
+    lens |= {"R": [0.0] * 9, "P": [0.0] * 12} if encoding == "cdr" else {}  # which has all fields
+    topics = {
+        "/front/image": recorders.foxglove_topic(kind, encoding, STAMPS, rows),
+        "/front/camera_info": recorders.foxglove_topic("CameraCalibration", encoding, STAMPS[:1], [lens]),
+    }
+    path = recorders.write_mcap(tmp_path / "drive.mcap", topics)
     assert shades(path) == pytest.approx(SHADES, abs=1)
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TINY_TIMES_S)
+    camera = read_log_camera(path)
+    np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
+    np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
 
 
 @pytest.mark.parametrize(
@@ -114,19 +123,6 @@ def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, code
     frames = list(read_timed_frames(path, start_s=0.28, end_s=0.48))
     assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
     assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
-
-
-@pytest.mark.parametrize(("encoding", "more"), [("protobuf", {}), ("cdr", {"R": np.eye(3).ravel(), "P": np.zeros(12)})])
-def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders, encoding, more):
-    lens = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": SMALL.distortion}
-    info = lens | {"K": SMALL.matrix.ravel()} | more
-    topics = {
-        "/front/image": recorders.foxglove_topic("CompressedImage", "protobuf", STAMPS, JPEG_TINY),
-        "/front/camera_info": recorders.foxglove_topic("CameraCalibration", encoding, STAMPS[:1], [info]),
-    }
-    camera = read_log_camera(recorders.write_mcap(tmp_path / "drive.mcap", topics))
-    np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
-    np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
 
 
 # Recordings of rosbag2.
@@ -165,30 +161,18 @@ def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path):
         inspect_video(folder)
 
 
-def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
-    (tmp_path / "metadata.yaml").write_text("camera: front\n")
-    Image.fromarray(TINY[0]).save(tmp_path / "a.png")
-    assert find_sources([str(tmp_path)]).stills == (tmp_path / "a.png",)
-
-
 def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
-    source = logs.write_log(tmp_path / "whole.db3", TINY, TINY_TIMES_S)
-    path = tmp_path / "killed.db3"
-    shutil.copyfile(source, path)
-    database = sqlite3.connect(path)
-    database.execute("PRAGMA journal_mode=WAL")
-    database.execute("PRAGMA wal_autocheckpoint=0")
-    late = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp").fetchall()[-2:]
-    database.execute("DELETE FROM messages WHERE id >= ?", [late[0][0]])
-    database.commit()
-    database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    database.executemany("INSERT INTO messages (id, topic_id, timestamp, data) VALUES (?, ?, ?, ?)", late)
-    database.commit()
-    killed = tmp_path / "copy" / "killed.db3"
-    killed.parent.mkdir()
-    for suffix in ("", "-wal"):  # as they are while the recorder runs
-        shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
-    database.close()
+    whole = logs.write_log(tmp_path / "whole.db3", TINY, TINY_TIMES_S)
+    path = logs.write_log(tmp_path / "killed.db3", TINY[:4], TINY_TIMES_S[:4])
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("PRAGMA journal_mode=WAL; PRAGMA wal_autocheckpoint=0")
+        database.execute("ATTACH ? AS whole", [str(whole)])
+        database.execute("INSERT INTO messages SELECT * FROM whole.messages ORDER BY timestamp LIMIT 4, 2")
+        database.commit()
+        killed = tmp_path / "copy" / "killed.db3"
+        killed.parent.mkdir()
+        for suffix in ("", "-wal"):  # as they are while the recorder runs
+            shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
     assert os.path.getsize(f"{killed}-wal")
     assert shades(killed) == SHADES
 

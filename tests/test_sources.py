@@ -34,11 +34,12 @@ def test_the_name_decides_what_a_file_is(tmp_path):
     for missing, words in {"no.mp4": "no such file or", "*.webm": "no such file", "empty": "holds neither"}.items():
         with pytest.raises(FileNotFoundError, match=words):
             find_sources([f"{tmp_path}/{missing}"])
-    (tmp_path / "camera.yaml").write_text("image_width: 640")
+    for name in ("camera.yaml", "metadata.yaml"):  # a recording of ROS has another one
+        (tmp_path / name).write_text("image_width: 640")
     found = find_sources([str(tmp_path)])
     assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d.png"]
     assert [path.name for path in found.videos] == [*videos, "k.gif"]
-    assert [path.name for path in found.skipped] == ["camera.yaml", "l", "notes.txt"]
+    assert [path.name for path in found.skipped] == ["camera.yaml", "l", "metadata.yaml", "notes.txt"]
     for still in found.stills:
         assert np.abs(read_image(still).astype(int) - 90).max() < 4
     named = find_sources([str(tmp_path / "l")])

@@ -71,7 +71,8 @@ def _serialize_ros(kind: str, seconds: int, nanoseconds: int, row: Mapping[str, 
     for type_, field in re.findall(r"(\w+) (\w+) = ", SCHEMAS[kind]):
         definition += f"{ROS_TYPES.get(field) or ROS_TYPES[type_]} {field}\n"
     store.register(get_types_from_msg(definition, name))
-    values = [np.frombuffer(value, np.uint8) if isinstance(value, bytes) else value for value in row.values()]
+    as_array = {bytes: lambda value: np.frombuffer(value, np.uint8), list: np.array}
+    values = [as_array.get(type(value), lambda value: value)(value) for value in row.values()]
     stamp = store.types["builtin_interfaces/msg/Time"](seconds, nanoseconds)
     return bytes(store.serialize_cdr(store.types[name](stamp, "camera", *values), name))
 
