@@ -15,7 +15,6 @@ from lanes.files import write_json_lines
 from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
 from lanes.score import DISTANCES, StillScore, reliability, score_still, summarize
-from tests.support.command_line import main
 from tests.support.project import names
 
 ROWS = np.arange(400.0, 600, 10)
@@ -86,7 +85,7 @@ def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_w
         assert score_still(none, None).right and score_still(none, lines(NOTHING, confidence=0.9)).right
 
 
-def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
+def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, score):
     """Random pictures, also with more lines than counted, without lines, and with slow predictions."""
     rng, rows, entries = np.random.default_rng(4), list(range(240, 720, 10)), {"labels": [], "found": []}
     for number in range(60):
@@ -103,11 +102,11 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
     labels = read_labels(tmp_path / "labels.jsonl")
     pairs = zip(labels, read_predictions(tmp_path / "found.jsonl", labels), strict=True)
     row = summarize([score_still(*pair) for pair in pairs])
-    wanted = np.mean([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)], 0)
+    theirs = np.array([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)])
+    wanted = theirs.mean(axis=0)
     assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(wanted, abs=1e-9)
-    assert min(tusimple_bench(*pair)[1] for pair in zip(entries["labels"], entries["found"], strict=True)) < 0
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+    assert theirs[:, 1].min() < 0
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
@@ -225,8 +224,17 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
-def score(folder: Path, *options: object) -> int:
-    return main(["score", *(str(folder / f"{name}.jsonl") for name in ("labels", "found")), *map(str, options)])
+@pytest.fixture
+def score(run):
+    """A function that scores a folder into its page.html; returns what the command prints, on stderr if it refuses."""
+
+    def score(folder: Path, *options: object, output: str = "page.html", status: int = 0) -> str:
+        labels, predictions = folder / "labels.jsonl", folder / "found.jsonl"
+        ended, out, err = run("score", labels, predictions, *options, "-o", folder / output)
+        assert ended == status
+        return err if status else out
+
+    return score
 
 
 def rows_of(text: str, title: str) -> dict[str, list[str]]:
@@ -240,10 +248,9 @@ def page_data(page: Path) -> dict:
     return json.loads(text)
 
 
-def test_command_prints_tables_and_writes_a_page(folder, capsys):
+def test_command_prints_tables_and_writes_a_page(folder, score):
     page = folder / "out" / "page.html"
-    assert score(folder, "--camera", folder / "camera.yaml", "-o", page) == 0
-    said = capsys.readouterr().out
+    said = score(folder, "--camera", folder / "camera.yaml", output="out/page.html")
     assert rows_of(said, "scores") == {
         "all": ["3", "0.333", "0.333", "0.444", "0.333", "0.500", "0.500"],
         "a": ["2", "0.500", "0.500", "0.667", "0.000", "1.000", "1.000"],
@@ -269,25 +276,24 @@ def test_command_prints_tables_and_writes_a_page(folder, capsys):
         (CAMERA, "page.html", "a/2.jpg: cannot be decoded"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, camera, output, words, capsys):
+def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, camera, output, words, score):
     save_camera(camera, folder / "camera.yaml")
     if "decoded" in words:
         (folder / "a" / "2.jpg").write_bytes((folder / "a" / "1.jpg").read_bytes()[:300])
     before = names(folder), (folder / "a" / "1.jpg").read_bytes()
-    assert score(folder, "--camera", folder / "camera.yaml", "-o", folder / output) == 2
-    assert words in capsys.readouterr().err and (names(folder), (folder / "a" / "1.jpg").read_bytes()) == before
+    assert words in score(folder, "--camera", folder / "camera.yaml", output=output, status=2)
+    assert (names(folder), (folder / "a" / "1.jpg").read_bytes()) == before
 
 
 @pytest.mark.parametrize(
     ("labelled", "predicted", "on_disk"), [("NFC", "NFD", "NFD"), ("NFD", "NFC", "NFD"), ("NFD", "NFD", "NFC")]
 )
-def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, capsys, labelled, predicted, on_disk):
+def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, score, labelled, predicted, on_disk):
     """macOS decomposes accents and Hangul."""
     good, name = road_lines(1.8, -1.8), "Fahrt nach Köln/서울 é.png"
     write_image(tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8))
     write_lines(tmp_path, *([entry(normalize(form, name), good)] for form in (labelled, predicted)))
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"] and "note:" not in said
     assert page_data(tmp_path / "page.html")["stills"][0]["jpeg"]
 
@@ -308,10 +314,9 @@ def bend_at(rows: np.ndarray) -> dict:
         (np.arange(240, 711, 10), np.arange(420, 701, 10), "0.604", ["(rows 240, 250, 260, "]),
     ],
 )
-def test_other_rows_are_interpolated_or_named(tmp_path, capsys, labelled, predicted, accuracy, notes):
+def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predicted, accuracy, notes):
     write_lines(tmp_path, [bend_at(labelled)], [bend_at(predicted)])
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][5] == accuracy
     assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
     assert all(note in said for note in notes)
