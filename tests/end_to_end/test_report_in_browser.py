@@ -12,8 +12,8 @@ from lanes.labels import LaneColumns
 from lanes.report import write_report
 from lanes.score import score_still, score_tables, write_score_page
 from lanes.video.writer import VideoWriter
-from tests.report.test_page import story
 from tests.support.browser import needs_browser, open_browser
+from tests.test_report import story
 
 pytestmark = needs_browser
 HOSTILE = "<img src=x onerror=document.title='owned'>.mp4"
