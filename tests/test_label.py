@@ -217,7 +217,7 @@ def test_only_the_token_on_this_host_opens_anything(session):
     + ["picture/-1", "picture/0/../../secret.txt", "labels.jsonl", "", "ours", "still/"],
 )
 def test_no_other_file_is_served(session, path):
-    status, content = session.ask(path)
+    status, content, _ = session.ask(path)
     assert status in (403, 404) and b"not served" not in content and b"import" not in content
 
 
@@ -226,12 +226,12 @@ def test_no_file_of_the_folder_becomes_a_page(folder, tmp_path):
     (tmp_path / "page.png").write_text("<html><script>alert(1)</script></html>")
     write_image(tmp_path / "still.jpg", BENDS.frame(0.0))
     with labelling(tmp_path, "--camera", folder / "camera.yaml") as session:
-        status, content, headers = session.ask_with_headers("picture/0")
+        status, content, headers = session.ask("picture/0")
         assert status == 200 and content.startswith(b"<html>")
         assert (headers["Content-Type"], headers["X-Content-Type-Options"]) == ("image/png", "nosniff")
-        assert session.ask_with_headers("picture/1")[2]["Content-Type"] == "image/jpeg"
+        assert session.ask("picture/1")[2]["Content-Type"] == "image/jpeg"
         for path in ("still/0", "still/9", "label.js", "label.html"):
-            status, content, headers = session.ask_with_headers(path)
+            status, content, headers = session.ask(path)
             assert headers["X-Content-Type-Options"] == "nosniff"
             if status >= 400:
                 assert headers["Content-Type"] == "text/plain; charset=utf-8"

@@ -90,6 +90,7 @@ def test_cut_off_files_are_read_up_to_there(tmp_path, suffix):
     assert info.frames - 4 <= len(numbers) <= info.frames and numbers == list(range(len(numbers)))
     assert info.frames + info.missing == 250 and 0.3 < len(numbers) / 250 < 0.72
     assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
+    assert process_video(half, tmp_path / "out.mp4", unchanged, progress=False).missing == 250 - len(numbers)
 
 
 def cut(path, share: float, target):

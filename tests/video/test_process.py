@@ -58,7 +58,7 @@ def test_each_frame_is_seen_once_in_order_and_browsers_can_play_the_output(video
 
 
 def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
-    times_s, told = [0, 0.04, 0.08, 0.3, 0.34, 0.75, 0.9, 1.0], []
+    times_s, told = [0, 0.04, 0.08, 0.3, 0.34, 0.75, 0.9, 0.9, 1.0], []  # some recorders repeat a time stamp
     path, target = tmp_path / "variable.mp4", tmp_path / "out.mp4"
     with VideoWriter(path, fps=25) as writer:
         for number, time_s in enumerate(times_s):
@@ -69,10 +69,12 @@ def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
         return image
 
     process_video(path, target, function, progress=False)
-    np.testing.assert_allclose([f.time_s for f in read_timed_frames(target)], times_s, atol=1e-3)
+    found_s = [f.time_s for f in read_timed_frames(target)]
+    np.testing.assert_allclose(found_s, times_s, atol=1e-3)
+    assert (np.diff(found_s) > 0).all()
     assert told[0] is None and told[1:] == pytest.approx(np.diff(times_s), abs=1e-3)
     process_video(path, target, function, start_s=0.3, progress=False)
-    assert told[8] is None and told[9:] == pytest.approx(np.diff(times_s[3:]), abs=1e-3)
+    assert told[9] is None and told[10:] == pytest.approx(np.diff(times_s[3:]), abs=1e-3)
     # A function written in C has no signature; it gets the image only.
     process_video(path, target, cv2.bitwise_not, progress=False)
     assert next(read_video(target))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)

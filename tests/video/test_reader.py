@@ -104,10 +104,10 @@ def test_a_display_matrix_turns_and_mirrors_as_players_do(tmp_path, orientation)
 
 @pytest.mark.parametrize(
     ("aspect", "degrees", "size"),
-    [((16, 11), None, (233, 96)), ((8, 9), None, (160, 108)), ((4, 3), 90, (96, 213))],
+    [((16, 11), None, (233, 96)), ((8, 9), None, (160, 108)), ((4, 3), 90, (96, 213)), ((9, 1), None, SIZE)],
 )
 def test_pixels_are_square(tmp_path, aspect, degrees, size):
-    """Anamorphic video of DV and HDV cameras: a square in the world is a square in the image, also in the output."""
+    """Anamorphic video of DV and HDV cameras: a square in the world is one in the image. 9:1 is nonsense."""
     path = make_video(tmp_path / "a.mp4", 5, aspect=Fraction(*aspect))
     if degrees:
         set_rotation(path, tmp_path / "b.mp4", degrees)
