@@ -70,6 +70,7 @@ def photo(
         # the diagonal counts: 28 mm at 16:9 sees more to the sides than at 3:2, at 4:3 less
         ((640, 360), {"focal_35mm": 28}, 67.9),
         ((640, 480), {"focal_35mm": 28}, 63.5),
+        ((640, 360), {"focal_35mm": 28, "taken": (360, 640)}, 67.9),  # turned by a program
         # assumed: 60 degrees
         *(((640, 360), entries, None) for entries in ({}, {"focal_mm": 4.2}, {"focal_35mm": 0}, {"focal_35mm": 4000})),
     ],

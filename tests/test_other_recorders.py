@@ -252,6 +252,7 @@ ENCODINGS = [
     (compressed(mosaic(SMOOTH.astype(np.uint16) << 4, "rggb"), "bayer_rggb16; png compressed ", ".png"), 6),  # 12 bits
     (compressed(SMOOTH[..., ::-1].astype(np.uint16) << 8, "rgb16; png compressed ", ".png"), 0),
     (compressed(SMOOTH[..., ::-1], "bayer_rggb8; jpeg compressed bgr8", ".jpg"), 12),
+    (compressed(mosaic(SMOOTH, "gbrg"), "bayer_gbrg8; jpeg compressed ", ".jpg"), 12),
 ]
 ENCODINGS = [(*row, SMOOTH) for row in ENCODINGS] + [
     (raw(GRAY, "mono8", pad=5), 0, np.dstack([GRAY] * 3)),
@@ -408,4 +409,5 @@ def test_what_cannot_be_used_is_named(tmp_path, run, name, write, words):
     path = write(tmp_path / name)
     status, out, err = run("annotate", path, "-o", tmp_path / "out")
     assert (status, out) == (2, "") and re.search(f"{name}.*{words}", err) and "assumed" not in err
+    assert ("damaged" in err) == ("cut off" in words)
     assert not (tmp_path / "out").exists()

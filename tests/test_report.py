@@ -19,7 +19,7 @@ def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
     state[:3], state[80:90], state[90:120] = "searching", "coasting", "lost"
     lost = state == "lost"
     confidence = np.where(lost, 0.0, 0.9)
-    confidence[50], confidence[55], confidence[150] = 0.5, 0.55, 0.6
+    confidence[50], confidence[75], confidence[150] = 0.5, 0.55, 0.6
     offset = np.where(lost, np.nan, 0.3 * np.sin(np.arange(frames) / 20))
     offset_std = np.where(lost, np.nan, 0.02)
     offset_std[160] = 0.2

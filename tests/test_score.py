@@ -144,6 +144,7 @@ def test_files_that_cannot_be_paired_are_refused(tmp_path, labels, found, words)
         ({"raw_file": 3}, "line 2 is not a label"),
         ({"lanes": {"0": [1]}}, "line 2 is not a label"),
         ({"sides": ["left", "right"]}, "line 2 is not a label"),
+        ({"sides": ["left"], "lanes": [upright().tolist()] * 2}, "line 2 is not a label"),
         ({"confidence": 1.5}, "line 2 is not a label"),
         ({"raw_file": "x/../../a.png"}, "the picture 'x/../../a.png' lies outside"),
         ({"raw_file": "..\\a.png"}, "the picture '../a.png' lies outside"),

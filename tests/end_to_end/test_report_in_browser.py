@@ -139,7 +139,7 @@ def test_curves_have_gaps_and_a_band_of_one_standard_deviation(page, name, colum
 def test_levels_of_the_confidence_fill_the_strip(page):
     bars = "return [...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
     found = [(name, path) for name, path in page.execute_script(bars) if name != "sure"]
-    edges = [("likely", 250, 255), ("likely", 275, 280), ("none", 450, 600), ("likely", 750, 755)]
+    edges = [("likely", 250, 255), ("likely", 375, 380), ("none", 450, 600), ("likely", 750, 755)]
     assert found == [(name, f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z") for name, a, b in edges]
     legend = page.execute_script("return document.querySelector('.legend').innerText").split("\n")
     assert legend == ["confidence 0.9 or more 84%", "0.5 to 0.9 2%", "below 0.5 0%", "no lane 15%"]
@@ -164,7 +164,7 @@ def test_worst_moments(page, browser, folder):
     assert moments(page, "Lane not seen") == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
     departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
     assert moments(page, "Lane departures") == departures
-    # 2.75 s is too close to 2.5 s. Lost frames are left out.
+    # 3.75 s is too close to 2.5 s. Lost frames are left out.
     assert moments(page, "Lowest confidence")[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
     assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
     assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
