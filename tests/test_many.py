@@ -39,7 +39,7 @@ from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/test_process.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 4, 12
 LOGITS = {"input_size": [640, 360], "channel": 1, "values": "logits"}

@@ -160,7 +160,7 @@ def moments(page, kind: str) -> list[tuple[float, str]]:
     return [(round(time_s, 3), text) for time_s, text in page.execute_script(script, kind)]
 
 
-def test_worst_moments(page, browser, folder):
+def test_worst_moments_and_their_buttons(page):
     assert moments(page, "Lane not seen") == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
     departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
     assert moments(page, "Lane departures") == departures
@@ -170,6 +170,11 @@ def test_worst_moments(page, browser, folder):
     assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
     headings = page.execute_script("return [...document.querySelectorAll('nav h3')].map(h => h.textContent)")
     assert headings == page.execute_script("return Object.keys(worstMoments())") and len(headings) == 5
+    assert page.execute_script("return document.querySelector('nav button').textContent") == "0:04.5 lost for 1.5 s"
+    page.click("nav button")
+    page.wait("!video.seeking && video.currentTime > 0")
+    assert page.execute_script("return video.currentTime") == pytest.approx(4.5, abs=0.01)
+    assert text_of(page, "state") == "lost"
 
 
 def show(browser, folder, telemetry, **options) -> None:
@@ -182,14 +187,6 @@ def test_a_single_lost_frame_has_one_moment(browser, folder):
     assert len(moments(browser, "Lane not seen")) == 1
     assert moments(browser, "Lowest confidence") == moments(browser, "Least certain bend") == []
     assert browser.console() == []
-
-
-def test_buttons_seek_to_moments(page):
-    assert page.execute_script("return document.querySelector('nav button').textContent") == "0:04.5 lost for 1.5 s"
-    page.click("nav button")
-    page.wait("!video.seeking && video.currentTime > 0")
-    assert page.execute_script("return video.currentTime") == pytest.approx(4.5, abs=0.01)
-    assert text_of(page, "state") == "lost"
 
 
 def test_each_moment_has_a_command_to_copy_and_warnings_are_at_the_top(browser, folder):

@@ -80,16 +80,21 @@ def test_variable_rate_keeps_its_times_and_the_function_can_take_them(tmp_path):
     assert next(read_video(target))[:8].mean() == pytest.approx(255 - numbered(0)[:8].mean(), abs=8)
 
 
-def test_threads_change_nothing(repeatable, tmp_path):
-    """A loop without threads gives the same bytes and the same telemetry."""
+def test_threads_change_nothing(tmp_path):
+    """A loop without threads gives the same bytes and the same telemetry.
+
+    With AVX-512 x264 reads beyond its data (in the macroblock tree) if the width is not a multiple of 256 pixels: about
+    10 of 60 runs of 160x96 differed, none of 256x96 and 1280x720.
+    """
+    video = make_video(tmp_path / "wide.mp4", 50, size=(256, 96), sound="aac")
     plain, rows = make_stateful(), []
-    with VideoWriter(tmp_path / "plain.mp4", fps=25, sound_from=repeatable) as writer:
-        for frame in read_timed_frames(repeatable, start_s=0.4):
+    with VideoWriter(tmp_path / "plain.mp4", fps=25, sound_from=video) as writer:
+        for frame in read_timed_frames(video, start_s=0.4):
             image, row = plain(frame.image)
             rows.append({"frame": frame.number, "time_s": frame.time_s} | row)
             writer.write(image, frame.time_s)
     options = {"start_s": 0.4, "progress": False, "telemetry": tmp_path / "rows.csv"}
-    process_video(repeatable, tmp_path / "out.mp4", make_stateful(), **options)
+    process_video(video, tmp_path / "out.mp4", make_stateful(), **options)
     assert (tmp_path / "plain.mp4").read_bytes() == (tmp_path / "out.mp4").read_bytes()
     table = read_telemetry(tmp_path / "rows.csv")
     name, latency_ms = table.popitem()
