@@ -211,7 +211,7 @@ def test_a_video_of_a_board_is_used(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def boards_folder(tmp_path_factory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """Five boards, a wall, a board of another shape, and a damaged file."""
     folder = tmp_path_factory.mktemp("boards")
     for name, number in zip("abcde", (2, 9, 12, 13, 6), strict=True):
@@ -223,14 +223,8 @@ def boards_folder(tmp_path_factory) -> Path:
     return folder
 
 
-@pytest.fixture
-def folder(boards_folder, monkeypatch) -> Path:
-    """The folder of boards, in which the command runs."""
-    monkeypatch.chdir(boards_folder)
-    return boards_folder
-
-
-def test_folder_gives_camera_file_table_and_sheet(folder, run):
+def test_folder_gives_camera_file_table_and_sheet(folder, run, monkeypatch):
+    monkeypatch.chdir(folder)
     status, out, err = run("calibrate", ".", "--sheet", "out/sheet.png", "-o", "out/lens.yaml")
     assert status == 0, err
     camera = load_camera(folder / "out" / "lens.yaml")
@@ -246,10 +240,10 @@ def test_folder_gives_camera_file_table_and_sheet(folder, run):
     assert read_image(folder / "out" / "sheet.png").shape == (2 * (225 + 44 + 12), 5 * (400 + 12), 3)
 
 
-def test_the_sheet_is_written_when_the_calibration_is_refused(folder, run):
-    status, out, err = run(
-        "calibrate", "a.png", "b.png", "wall.png", "--sheet", "refused/sheet.png", "-o", "refused/lens.yaml"
-    )
+def test_the_sheet_is_written_when_the_calibration_is_refused(folder, run, monkeypatch):
+    monkeypatch.chdir(folder)
+    outputs = "--sheet", "refused/sheet.png", "-o", "refused/lens.yaml"
+    status, out, err = run("calibrate", "a.png", "b.png", "wall.png", *outputs)
     assert (status, out) == (2, "wrote refused/sheet.png\n") and "at least 3, better 15" in err
     assert [path.name for path in (folder / "refused").iterdir()] == ["sheet.png"]
     frames = read_image(folder / "refused" / "sheet.png")[3, 3 :: 400 + 12].tolist()

@@ -267,14 +267,16 @@ def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path,
         assert (output / "drive0.partial.mp4").read_bytes() == b"written so far"
 
 
+def run_job(video: Path, output: Path) -> object:
+    settings = settings_for(output)
+    return many.run_job(many.DriveJob(video, settings, many.fingerprint(video, settings)))
+
+
 def test_a_warning_of_a_worker_is_one_line_with_its_drive(drives, tmp_path, monkeypatch, capsys):
     video = videos_in(drives)[0]
-    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
-    monkeypatch.setattr(
-        many, "annotate_drive", lambda video, settings: warnings.warn(f"{video.name}: odd", stacklevel=1)
-    )
+    monkeypatch.setattr(many, "annotate_drive", lambda video, _: warnings.warn(f"{video.name}: odd", stacklevel=1))
     with suppress(AttributeError):  # nothing was annotated
-        many.run_job(job)
+        run_job(video, tmp_path)
     assert capsys.readouterr().err == "warning: drive0.mp4: odd\n"
 
 
@@ -290,9 +292,8 @@ def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, reworded, drives,
         raise (OSError if isinstance(error, OSError) else VideoError)(str(error)) from error
 
     monkeypatch.setattr(many, "annotate_drive", fail)
-    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
     try:
-        sent = many.run_job(job)
+        sent = run_job(video, tmp_path)
     except OSError as raised:
         sent = raised
     received = loads(dumps(sent))
