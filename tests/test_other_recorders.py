@@ -33,6 +33,11 @@ SHADES = [0, 20, 40, 60, 80, 100]
 DRIVE_TIMES_S = np.arange(12) / 25
 
 
+@pytest.fixture(scope="module")
+def drive() -> list[np.ndarray]:
+    return [BENDS.frame(time_s) for time_s in DRIVE_TIMES_S]
+
+
 @pytest.fixture
 def annotate(tmp_path, run):
     """A function that annotates a log in `tmp_path` with the camera of BENDS; returns stdout and the table."""
@@ -177,10 +182,9 @@ def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
     assert shades(killed) == SHADES
 
 
-def test_the_own_messages_are_no_source(tmp_path, run):
+def test_the_own_messages_are_no_source(tmp_path, drive, run):
     """Neither in a folder, nor by a pattern, nor by their names, as a shell gives them."""
-    images = [BENDS.frame(number / 25) for number in range(4)]
-    path = logs.write_log(tmp_path / "drive.mcap", images, np.arange(4) / 25, camera=SMALL)
+    path = logs.write_log(tmp_path / "drive.mcap", drive[:4], DRIVE_TIMES_S[:4], camera=SMALL)
     save_camera(SMALL, tmp_path / "camera.yaml")
     common = "annotate", "--camera", tmp_path / "camera.yaml", "--no-report", "-o", tmp_path
     assert run(*common, path)[0] == 0 and (tmp_path / "drive.lane.mcap").is_file()
@@ -318,9 +322,9 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, change
 
 def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path):
     order, stamps = [0, 2, 1, 3, 4, 6, 7, 5, 8, 9, 11, 10], stamps_at(DRIVE_TIMES_S)
-    made = stamp_images([np.full((8, 12, 3), n, np.uint8) for n in order], [stamps[n] for n in order])
-    recorded = [(logs.BEGIN_NS + 10**7 * n, message) for n, (_, message) in enumerate(made)]
-    path = write_messages(tmp_path / "a.mcap", {"/camera": recorded})
+    images, recorded = [np.full((8, 12, 3), n, np.uint8) for n in order], logs.BEGIN_NS + 10**7 * np.arange(12)
+    path = tmp_path / "a.mcap"
+    logs.write_log(path, images, stamps_ns=[stamps[n] for n in order], recorded_ns=recorded.tolist())
     frames = list(read_timed_frames(path))
     assert [frame.image[0, 0, 0] for frame in frames] == [frame.number for frame in frames] == list(range(12))
     assert [frame.time_s for frame in frames] == pytest.approx(DRIVE_TIMES_S) and inspect_video(path).missing == 0
@@ -328,23 +332,22 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path):
 
 
 @pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, -5.0])
-def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, annotate, wrong_s):
+def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, drive, annotate, wrong_s):
     """A stamp of 1970, and one that is a little too early."""
     stamps = stamps_at(DRIVE_TIMES_S)
     stamps[7] += int(wrong_s * 1e9)
-    made = stamp_images([BENDS.frame(time_s) for time_s in DRIVE_TIMES_S], stamps)
-    recorded = [(n, message) for n, (_, message) in enumerate(made, 1)]
-    out, table = annotate(write_messages(tmp_path / "drive.mcap", {"/camera": recorded}))
+    path = tmp_path / "drive.mcap"
+    out, table = annotate(logs.write_log(path, drive, stamps_ns=stamps, recorded_ns=range(1, 13)))
     assert "1 time stamps far from those of the images around them are replaced" in out
     assert table["time_s"] == pytest.approx(DRIVE_TIMES_S, abs=1e-6)
 
 
 @pytest.mark.parametrize("jump_s", [7200.0, 1.7e9])
-def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_path, annotate, jump_s):
+def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_path, drive, annotate, jump_s):
     """Two recordings on one clock, and a clock that was set while recording."""
     stamps = [1_000_000_000 + round(1e9 * (t + jump_s * (n >= 8))) for n, t in enumerate(DRIVE_TIMES_S)]
-    made = stamp_images([BENDS.frame(time_s) for time_s in DRIVE_TIMES_S], stamps)
-    out, table = annotate(write_messages(tmp_path / "drive.mcap", {"/camera": made}))
+    path = tmp_path / "drive.mcap"
+    out, table = annotate(logs.write_log(path, drive, stamps_ns=stamps, recorded_ns=stamps))
     assert f"1 jumps of its clock, of up to {jump_s:.0f} s, are shortened to 5 s" in out and "missing" not in out
     assert table["frame"].tolist() == list(range(12)) and np.diff(table["time_s"])[7] == pytest.approx(5)
     assert inspect_video(tmp_path / "out" / "drive.mp4").frames == 12

@@ -143,7 +143,7 @@ def test_messages_need_no_space_in_the_temporary_folder(tmp_path, images, monkey
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_log_of_each_kind_has_the_times_of_the_headers_its_camera_and_gaps_that_skip_numbers(tmp_path, kind):
     times_s = np.array([0, 1, 2, 5, 6, 7]) / 10
-    path = logs.file_of(logs.write_log(tmp_path / kind, TINY, times_s, delay_ns=90_000_000, camera=SMALL))
+    path = logs.file_of(logs.write_log(tmp_path / kind, TINY, times_s, camera=SMALL))
     assert find_sources([str(path)]).videos == (path,) and read_log_camera(path).with_pose(SMALL.pose) == SMALL
     info, frames = inspect_video(path), list(read_timed_frames(path))
     assert (info.width, info.height, info.fps, info.frames, info.missing) == (12, 8, 10, 6, 2)
@@ -174,8 +174,7 @@ RESTARTED = [*stamps_at([5.0, 5.1, 5.2]), *stamps_at([1.0, 1.1, 1.2])]
 @pytest.mark.parametrize("stamps_ns", [[0] * 6, [10**18] * 6, RESTARTED])
 def test_without_usable_stamps_the_times_are_those_of_the_recording(tmp_path, stamps_ns):
     recorded = stamps_at(np.arange(6) / 5)
-    made = (message for _, message in stamp_images(TINY, stamps_ns))
-    path = write_messages(tmp_path / "drive.mcap", {"/image": list(zip(recorded, made, strict=True))})
+    path = logs.write_log(tmp_path / "drive.mcap", TINY, stamps_ns=stamps_ns, recorded_ns=recorded)
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(np.arange(6) / 5)
 
 
