@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from fractions import Fraction
 from pathlib import Path
 
@@ -20,7 +20,7 @@ SOUND_HZ = 48000
 
 def encode(
     path: Path,
-    images: Iterable[np.ndarray],
+    images: Iterable[np.ndarray | av.VideoFrame],
     codec: str = "libx264",
     pixels: str = "yuv420p",
     *,
@@ -28,38 +28,36 @@ def encode(
     numbers: Sequence[int] | None = None,
     container: str | None = None,
     options: dict[str, str] | None = None,
-    aspect: Fraction | None = None,
-    tag: str | None = None,
+    header: Mapping[str, object] | None = None,
     edit: Callable[[list[av.Packet]], list[av.Packet]] | None = None,
     sound: str | None = None,
     sound_s: float = 0.0,
     tone_s: float | None = None,
     **audio: object,
 ) -> Path:
-    """Write RGB images as a video; returns its path.
+    """Write RGB images, or frames of the pixel format, as a video; returns its path.
 
     The `container` is that of the suffix, if it is not named. `numbers` are the places of the frames on the clock, by
-    default 0, 1, 2, ... `edit` is given the packets and returns those to write. `sound` is the codec of a sound track
-    from `sound_s` to the end of the last frame, with the tone of `add_tone`; `audio` may have a rate and a layout.
+    default 0, 1, 2, ... `header` are attributes of the codec. `edit` is given the packets and returns those to write.
+    `sound` is the codec of a sound track from `sound_s` to the end of the last frame, with the tone of `add_tone`;
+    `audio` may have a rate and a layout.
     """
-    images = list(images)
-    numbers = range(len(images)) if numbers is None else numbers
+    frames = [
+        image if isinstance(image, av.VideoFrame) else av.VideoFrame.from_ndarray(image).reformat(format=pixels)
+        for image in images
+    ]
+    numbers = range(len(frames)) if numbers is None else numbers
     # The clock of a transport stream of a recorder does not begin at 0.
     clock = {"output_ts_offset": "5"} if path.suffix == ".ts" else {}
     with av.open(str(path), "w", format=container, options=clock) as file:
         stream = file.add_stream(codec, rate=Fraction(fps), options=options or {})
-        stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = pixels
-        if aspect:
-            stream.codec_context.sample_aspect_ratio = aspect
-        if tag:
-            stream.codec_context.codec_tag = tag
-        if pixels == "yuvj420p":
-            stream.codec_context.color_range = 2
+        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, pixels
+        full_range = {"color_range": 2} if pixels == "yuvj420p" else {}
+        for name, value in {**full_range, **(header or {})}.items():
+            setattr(stream.codec_context, name, value)
         track = file.add_stream(sound, **{"rate": SOUND_HZ, "layout": "mono"} | audio) if sound else None
         packets = []
-        for number, image in zip(numbers, images, strict=True):
-            frame = av.VideoFrame.from_ndarray(image).reformat(format=pixels)
+        for number, frame in zip(numbers, frames, strict=True):
             frame.pts, frame.time_base = number, 1 / Fraction(fps)
             packets += stream.encode(frame)
         packets += stream.encode(None)

@@ -110,7 +110,7 @@ def test_a_display_matrix_turns_and_mirrors_as_players_do(tmp_path, orientation)
 )
 def test_pixels_are_square(tmp_path, aspect, degrees, size):
     """Anamorphic video of DV and HDV cameras: a square in the world is one in the image. 9:1 is nonsense."""
-    path = make_video(tmp_path / "a.mp4", 5, aspect=Fraction(*aspect))
+    path = make_video(tmp_path / "a.mp4", 5, header={"sample_aspect_ratio": Fraction(*aspect)})
     if degrees:
         set_rotation(path, tmp_path / "b.mp4", degrees)
         path = tmp_path / "b.mp4"

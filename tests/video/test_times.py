@@ -42,8 +42,8 @@ TONE_FRAME = 100
 # How to encode, and how many frames the decoder gives a frame behind its place.
 CODECS = {
     "MJPEG": ({"codec": "mjpeg", "pixels": "yuvj420p"}, 0),
-    "MPEG-4": ({"codec": "mpeg4", "tag": "FMP4", "options": {"g": "12"}}, 0),
-    "XviD with B frames": ({"codec": "mpeg4", "tag": "XVID", "options": {"g": "12", "bf": "2"}}, 1),
+    "MPEG-4": ({"codec": "mpeg4", "header": {"codec_tag": "FMP4"}, "options": {"g": "12"}}, 0),
+    "XviD with B frames": ({"codec": "mpeg4", "header": {"codec_tag": "XVID"}, "options": {"g": "12", "bf": "2"}}, 1),
     "H.264 with B frames": ({"codec": "libx264", "options": {"g": "12", "bf": "3"}}, 2),
 }
 
