@@ -96,7 +96,7 @@ PAGES = "holds 3 images; save the one to use alone, or convert all"
     [
         *((f"a.{suffix}", write_pages, PAGES) for suffix in ("webp", "png", "tif")),
         ("a.heic", lambda path: path.write_bytes(HEIC), "cannot be .*not a JPEG, .*convert it to JPEG"),
-        ("a.png", lambda path: cv2.imwrite(str(path), np.full((4, 6), 40_000, np.uint16)), "has more than 8 bits"),
+        ("a.png", lambda path: Image.new("I;16", (6, 4), 40_000).save(path), "has more than 8 bits a pixel"),
     ],
 )
 def test_other_files_are_refused_with_a_remedy(tmp_path, name, write, words):
