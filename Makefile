@@ -23,7 +23,7 @@ COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3
 # All tests. The notebook's own are its cells, compared by nbval, and its exercises.
 ALL_TESTS := project.ipynb tests --nbval --nbval-current-env --nbval-cell-timeout 120 -p tests.end_to_end.nbval_plugin
 # The packages whose unit tests are quick; tests marked `slow` are left to `make test`.
-QUICK_TESTS := $(wildcard tests/test_*.py tests/detect tests/report tests/tracking tests/video)
+QUICK_TESTS := $(wildcard tests/test_*.py tests/detect tests/tracking tests/video)
 COVERAGE_ENV := PYTHONPATH=$(CURDIR)/.venv/measuring COVERAGE_PROCESS_START=$(CURDIR)/pyproject.toml \
 	COVERAGE_FILE=$(CURDIR)/.coverage
 

@@ -1,9 +1,10 @@
-"""Calibration: against the known lens, with every kind of unfit board among the good ones; the report in words."""
+"""Calibration: against the known lens, with every kind of unfit board among the good ones; report and command."""
 
 from __future__ import annotations
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,7 +21,7 @@ from lanes.calibration import (
 from lanes.camera import Camera, load_camera, save_camera
 from lanes.chessboard import Board
 from lanes.errors import CameraError
-from lanes.images import read_image
+from lanes.images import read_image, write_image
 from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.freeway import DASHCAM
@@ -59,9 +60,18 @@ def test_rendered_boards_give_the_lens_they_were_taken_with():
     assert list(camera.report.board_rms_px) == [f"calibration{n}.jpg" for n in range(1, 21)]
 
 
-def test_errors_are_those_of_the_corners(boards):
-    """Noise of 0.05 px in each coordinate leaves an error of 0.05 * sqrt(2) px."""
-    report = calibrate_boards(boards).report
+def test_errors_are_those_of_the_corners_and_the_same_in_each_run(boards):
+    """Noise of 0.05 px in each coordinate leaves an error of 0.05 * sqrt(2) px. OpenCV's threads are restored."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(2)
+    try:
+        first, second = calibrate_boards(boards), calibrate_boards(boards)
+        assert cv2.getNumThreads() == 2
+    finally:
+        cv2.setNumThreads(threads)
+    assert first.matrix.tobytes() == second.matrix.tobytes()
+    assert first.distortion.tobytes() == second.distortion.tobytes()
+    report = first.report
     assert list(report.board_rms_px) == list(boards) and report.rejected == {}
     assert report.rms_px == pytest.approx(0.05 * np.sqrt(2), rel=0.1)
     assert np.sqrt(np.mean(np.square(list(report.board_rms_px.values())))) == pytest.approx(report.rms_px)
@@ -74,18 +84,6 @@ def test_bad_boards_do_not_excuse_each_other():
     camera = calibrate_boards(boards)
     assert set(map(int, camera.report.rejected)) == bad
     assert_is_the_dashcam(camera)
-
-
-def test_two_runs_give_the_same_numbers_and_restore_the_threads(boards):
-    threads = cv2.getNumThreads()
-    cv2.setNumThreads(2)
-    try:
-        first, second = calibrate_boards(boards), calibrate_boards(boards)
-        assert cv2.getNumThreads() == 2
-    finally:
-        cv2.setNumThreads(threads)
-    assert first.matrix.tobytes() == second.matrix.tobytes()
-    assert first.distortion.tobytes() == second.distortion.tobytes()
 
 
 def detected(boards: dict[str, Board], **unused: str) -> BoardDetections:
@@ -207,3 +205,46 @@ def test_a_video_of_a_board_is_used(tmp_path):
     assert_is_the_dashcam(camera)
     times_s = [float(re.fullmatch(r"turned\.mp4 at (.*) s", name)[1]) for name in camera.report.board_rms_px]
     assert [shown[round(25 * time_s)] for time_s in times_s] == [2, 9, 12, 13, 6]
+
+
+# The command.
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Five boards, a wall, a board of another shape, and a damaged file."""
+    folder = tmp_path_factory.mktemp("boards")
+    for name, number in zip("abcde", (2, 9, 12, 13, 6), strict=True):
+        board = read_image(PROJECT_ROOT / "camera_cal" / f"calibration{number}.jpg")
+        write_image(folder / f"{name}.png", board)
+    write_image(folder / "wall.png", np.full((360, 640, 3), 128, np.uint8))
+    write_image(folder / "square.png", cv2.resize(board, (640, 480)))
+    (folder / "broken.jpg").write_bytes(b"\xff\xd8 cut off")
+    return folder
+
+
+def test_folder_gives_camera_file_table_and_sheet(folder, run, monkeypatch):
+    monkeypatch.chdir(folder)
+    status, out, err = run("calibrate", ".", "--sheet", "out/sheet.png", "-o", "out/lens.yaml")
+    assert status == 0, err
+    camera = load_camera(folder / "out" / "lens.yaml")
+    assert camera.matrix[0, 0] == pytest.approx(DASHCAM.matrix[0, 0], rel=0.01)
+    table = {line.split()[0]: line for line in out.splitlines() if line}
+    assert table["a.png"].endswith("  used")
+    assert table["wall.png"].endswith("-  no chessboard of 9x6 inner corners, nor a part of one")
+    assert "pixels, the others 1280x720; take all with one setting" in table["square.png"]
+    assert "broken.jpg: cannot be decoded as an image" in table["broken.jpg"]
+    assert "5 of 8 images used, error 0." in out
+    assert "no corners in these regions" in out
+    assert out.endswith("wrote out/lens.yaml\nwrote out/sheet.png\n")
+    assert read_image(folder / "out" / "sheet.png").shape == (2 * (225 + 44 + 12), 5 * (400 + 12), 3)
+
+
+def test_the_sheet_is_written_when_the_calibration_is_refused(folder, run, monkeypatch):
+    monkeypatch.chdir(folder)
+    outputs = "--sheet", "refused/sheet.png", "-o", "refused/lens.yaml"
+    status, out, err = run("calibrate", "a.png", "b.png", "wall.png", *outputs)
+    assert (status, out) == (2, "wrote refused/sheet.png\n") and "at least 3, better 15" in err
+    assert [path.name for path in (folder / "refused").iterdir()] == ["sheet.png"]
+    frames = read_image(folder / "refused" / "sheet.png")[3, 3 :: 400 + 12].tolist()
+    assert frames[0] == frames[1] != frames[2]  # found, found, no board

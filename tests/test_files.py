@@ -84,7 +84,7 @@ def test_only_files_are_replaced(tmp_path, kind, words):
         write_atomically("/dev/null", b"new")
 
 
-def test_a_second_writer_is_refused_until_the_first_one_ends(tmp_path, monkeypatch):
+def test_a_second_writer_is_refused_until_the_first_one_ends_or_is_killed(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "_LOCK_TIMEOUT_S", 0.1)
     with atomic_write(tmp_path / "a.txt") as partial:
         with pytest.raises(OSError, match=r"a\.txt: cannot be written \(another run is writing it; wait"):
@@ -92,21 +92,16 @@ def test_a_second_writer_is_refused_until_the_first_one_ends(tmp_path, monkeypat
         write_atomically(tmp_path / "a.csv", b"another output")
         partial.write_text("first")
     assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "first"
-    write_atomically(tmp_path / "a.txt", b"third")
-    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "third"
-
-
-def test_files_of_a_killed_writer_are_replaced(tmp_path):
     for leftover in partial_files(tmp_path / "a.txt"):
         leftover.write_text("of a killed process, longer than what follows")
-    write_atomically(tmp_path / "a.txt", b"new")
-    assert names(tmp_path) == {"a.txt"} and (tmp_path / "a.txt").read_bytes() == b"new"
+    write_atomically(tmp_path / "a.txt", b"third")
+    assert names(tmp_path) == {"a.txt", "a.csv"} and (tmp_path / "a.txt").read_text() == "third"
 
 
 # --- telemetry
 
 
-def test_telemetry_survives_writing_and_reading(tmp_path):
+def test_telemetry_survives_writing_and_reading_with_nine_digits_and_without_rows(tmp_path):
     rows = [
         {"frame": 0, "time_s": 0.0, "state": "found", "offset_m": np.float64(-0.123456789)},
         {"frame": 1, "time_s": 0.04, "state": "lost", "offset_m": None},
@@ -118,9 +113,6 @@ def test_telemetry_survives_writing_and_reading(tmp_path):
     assert table["state"].tolist() == ["found", "lost", "found"]
     np.testing.assert_array_equal(table["offset_m"], [-0.123456789, np.nan, np.nan])
     np.testing.assert_array_equal(table["curvature_per_m"], [np.nan, np.nan, 0.5])
-
-
-def test_telemetry_has_nine_digits_and_can_have_no_rows(tmp_path):
     path = write_telemetry(tmp_path / "drive.csv", [{"frame": 7, "offset_m": 1 / 3, "note": "a, b"}])
     assert path.read_bytes() == b'frame,offset_m,note\n7,0.333333333,"a, b"\n'
     path.write_text("frame,offset_m\n")

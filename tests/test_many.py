@@ -32,15 +32,14 @@ from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import annotate_many
 from lanes.video.reader import inspect_video
 from simulator.rendering.drive import Motion
-from tests.support.avi_file import encode_chunks, write_avi
-from tests.support.clips import write_drive
+from tests.support.clips import encode, write_drive
 from tests.support.command_line import start
 from tests.support.onnx_file import threshold, write_model
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: pip install 'dask[distributed]' bokeh")
 
-# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/conftest.py).
+# x264 makes the same bytes each time only of widths that are multiples of 256 (tests/video/test_process.py).
 SMALL = CAMERA.scaled((768, 432))
 DRIVES, FRAMES = 4, 12
 LOGITS = {"input_size": [640, 360], "channel": 1, "values": "logits"}
@@ -149,9 +148,8 @@ def test_failed_drives_do_not_stop_the_others_and_come_first_in_the_table(
     drives, tmp_path, in_this_process, monkeypatch
 ):
     """Two frames of the grey road, which has no lane, are missing."""
-    image = np.full((432, 768, 3), 128, np.uint8)
-    chunks, _ = encode_chunks(dict.fromkeys((0, 1, 4, 5, 6), image), "mjpeg", "yuvj420p")
-    grey = write_avi(tmp_path / "a grey=road.avi", [chunks.get(n, b"") for n in range(7)], "MJPG", (768, 432))
+    images = [np.full((432, 768, 3), 128, np.uint8)] * 5
+    grey = encode(tmp_path / "a grey=road.avi", images, "mjpeg", "yuvj420p", numbers=(0, 1, 4, 5, 6))
     videos, output = [*videos_in(drives)[:2], grey, tmp_path / "empty.mp4"], tmp_path / "out"
     videos[3].touch()
     monkeypatch.setattr(many, "annotate_drive", lambda v, s: annotate_drive(v, s) if v != videos[1] else 1 / 0)
@@ -269,14 +267,16 @@ def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path,
         assert (output / "drive0.partial.mp4").read_bytes() == b"written so far"
 
 
+def run_job(video: Path, output: Path) -> object:
+    settings = settings_for(output)
+    return many.run_job(many.DriveJob(video, settings, many.fingerprint(video, settings)))
+
+
 def test_a_warning_of_a_worker_is_one_line_with_its_drive(drives, tmp_path, monkeypatch, capsys):
     video = videos_in(drives)[0]
-    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
-    monkeypatch.setattr(
-        many, "annotate_drive", lambda video, settings: warnings.warn(f"{video.name}: odd", stacklevel=1)
-    )
+    monkeypatch.setattr(many, "annotate_drive", lambda video, _: warnings.warn(f"{video.name}: odd", stacklevel=1))
     with suppress(AttributeError):  # nothing was annotated
-        many.run_job(job)
+        run_job(video, tmp_path)
     assert capsys.readouterr().err == "warning: drive0.mp4: odd\n"
 
 
@@ -292,9 +292,8 @@ def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, reworded, drives,
         raise (OSError if isinstance(error, OSError) else VideoError)(str(error)) from error
 
     monkeypatch.setattr(many, "annotate_drive", fail)
-    job = many.DriveJob(video, settings_for(tmp_path), many.fingerprint(video, settings_for(tmp_path)))
     try:
-        sent = many.run_job(job)
+        sent = run_job(video, tmp_path)
     except OSError as raised:
         sent = raised
     received = loads(dumps(sent))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sqlite3
 from collections.abc import Callable
-from fractions import Fraction
+from contextlib import closing
 from pathlib import Path
 
 import av
@@ -14,7 +15,6 @@ import cv2
 import numpy as np
 import pytest
 import yaml
-from PIL import Image
 
 from lanes.camera import save_camera
 from lanes.drive import DriveSettings
@@ -23,16 +23,19 @@ from lanes.field_of_view import read_log_camera
 from lanes.files import read_telemetry
 from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
+from tests.support import robot_logs as logs
+from tests.support.clips import encode
 from tests.support.painted_drive import BENDS, SMALL
-
-logs = pytest.importorskip("tests.support.robot_logs", reason="rosbags is not installed: pip install rosbags")
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore  # noqa: E402
-
-from tests.support.robot_logs import TINY, TINY_TIMES_S, shades, stamp_images, stamps_at, write_messages  # noqa: E402
+from tests.support.robot_logs import TINY, TINY_TIMES_S, shades, stamp_images, stamps_at, write_messages
 
 STAMPS = stamps_at(TINY_TIMES_S)
 SHADES = [0, 20, 40, 60, 80, 100]
 DRIVE_TIMES_S = np.arange(12) / 25
+
+
+@pytest.fixture(scope="module")
+def drive() -> list[np.ndarray]:
+    return [BENDS.frame(time_s) for time_s in DRIVE_TIMES_S]
 
 
 @pytest.fixture
@@ -59,19 +62,7 @@ def recorders():
 def ros_topic(kind: str, *, ros1: bool = False) -> tuple:
     made = stamp_images(TINY, STAMPS, ".png", (logs.ROS1 if ros1 else logs.ROS2).types)
     serialize = logs.ROS1.serialize_ros1 if ros1 else logs.ROS2.serialize_cdr
-    data = [(stamp, bytes(serialize(message, message.__msgtype__))) for stamp, message in made]
-    return kind, "ros1msg" if ros1 else "ros2msg", "ros1" if ros1 else "cdr", data
-
-
-def foxglove_topic(recorders, name: str, encoding: str) -> tuple:
-    messages = []
-    for number, (image, stamp) in enumerate(zip(TINY, STAMPS, strict=True)):
-        fields = {"data": cv2.imencode(".jpg", image)[1].tobytes(), "format": "jpeg"}
-        if name.endswith("RawImage"):
-            fields = {"width": 12, "height": 8, "encoding": "rgb8", "step": 36, "data": image.tobytes()}
-        recorded = stamp + 30_000_000 + 7_000_000 * (number % 2)
-        messages.append((recorded, recorders.serialize(name, encoding, stamp, fields)))
-    return name, "jsonschema" if encoding == "json" else "protobuf", encoding, messages
+    return kind, "ros1" if ros1 else "cdr", [(stamp, bytes(serialize(m, m.__msgtype__))) for stamp, m in made]
 
 
 @pytest.mark.parametrize(
@@ -89,87 +80,54 @@ def test_an_mcap_file_is_read_by_schema_and_encoding_not_by_its_profile(
     """In any layout, and beside messages that are no images."""
     kind = f"sensor_msgs/{'msg/' if profile else ''}CompressedImage"
     topics = {"/camera": ros_topic(kind, ros1=profile == "ros1")}
-    topics["/chatter"] = ("std_msgs/msg/String", "ros2msg", "cdr", [(stamp, b"\0\1\0\0") for stamp in STAMPS])
+    topics["/chatter"] = ("std_msgs/msg/String", "cdr", [(stamp, b"\0\1\0\0") for stamp in STAMPS])
     options = {"profile": profile, "compression": compression, **options}
     path = recorders.write_mcap(tmp_path / "drive.mcap", topics, **options)
     assert inspect_video(path).frames == 6 and shades(path) == SHADES
     assert shades(path, start_s=0.25) == [60, 80, 100]
 
 
-def foxglove_in_ros(kind: str, fields: dict[str, str], rows: list[tuple]) -> tuple:
-    """A topic of `foxglove_msgs`, which rosbags does not know, in CDR."""
-    store, name = get_typestore(Stores.ROS2_HUMBLE), f"foxglove_msgs/msg/{kind}"
-    definition = "".join(f"{type_} {field}\n" for field, type_ in fields.items())
-    store.register(get_types_from_msg(f"builtin_interfaces/Time timestamp\nstring frame_id\n{definition}", name))
-    messages = []
-    for stamp, row in zip(STAMPS, rows, strict=False):
-        time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-        made = store.types[name](time, "camera", *row)
-        messages.append((stamp + 30_000_000, bytes(store.serialize_cdr(made, name))))
-    return name, "ros2msg", "cdr", messages
+RAW_TINY = [{"width": 12, "height": 8, "encoding": "rgb8", "step": 36, "data": image.tobytes()} for image in TINY]
+JPEG_TINY = [{"data": cv2.imencode(".jpg", image)[1].tobytes(), "format": "jpeg"} for image in TINY]
 
 
-RAW_IMAGE = {"width": "uint32", "height": "uint32", "encoding": "string", "step": "uint32", "data": "uint8[]"}
-CALIBRATION = {"width": "uint32", "height": "uint32", "distortion_model": "string"}
-CALIBRATION |= {"D": "float64[]", "K": "float64[9]", "R": "float64[9]", "P": "float64[12]"}
-
-
-@pytest.mark.parametrize("kind", ["CompressedImage protobuf", "RawImage json", "in ROS"])
-def test_images_of_foxglove_are_read(tmp_path, recorders, kind):
-    if kind == "in ROS":
-        topic = foxglove_in_ros("RawImage", RAW_IMAGE, [(12, 8, "rgb8", 36, image.ravel()) for image in TINY])
-    else:
-        topic = foxglove_topic(recorders, *f"foxglove.{kind}".split())
-    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
+@pytest.mark.parametrize(
+    ("kind", "encoding", "rows"),
+    [("CompressedImage", "protobuf", JPEG_TINY), ("RawImage", "json", RAW_TINY), ("RawImage", "cdr", RAW_TINY)],
+)
+def test_images_and_calibrations_of_foxglove_are_read(tmp_path, recorders, kind, encoding, rows):
+    lens = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": SMALL.distortion.tolist()}
+    lens |= {"K": SMALL.matrix.ravel().tolist()}
+    lens |= {"R": [0.0] * 9, "P": [0.0] * 12} if encoding == "cdr" else {}  # which has all fields
+    topics = {
+        "/front/image": recorders.foxglove_topic(kind, encoding, STAMPS, rows),
+        "/front/camera_info": recorders.foxglove_topic("CameraCalibration", encoding, STAMPS[:1], [lens]),
+    }
+    path = recorders.write_mcap(tmp_path / "drive.mcap", topics)
     assert shades(path) == pytest.approx(SHADES, abs=1)
     assert [frame.time_s for frame in read_timed_frames(path)] == pytest.approx(TINY_TIMES_S)
-
-
-def as_packets(images: list[np.ndarray], codec: str, every: int) -> list[bytes]:
-    """The images as a video without B frames, with a key frame every so many: the data of a message each."""
-    context = av.CodecContext.create(codec, "w")
-    context.width, context.height, context.pix_fmt = images[0].shape[1], images[0].shape[0], "yuv420p"
-    context.time_base, context.gop_size, context.max_b_frames = Fraction(1, 25), every, 0
-    context.options = {"tune": "zerolatency", "crf": "10", "preset": "ultrafast"}
-    packets = [p for image in images for p in context.encode(av.VideoFrame.from_ndarray(image, format="rgb24"))]
-    return [bytes(packet) for packet in [*packets, *context.encode(None)]]
+    camera = read_log_camera(path)
+    np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
+    np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
 
 
 @pytest.mark.parametrize(
     ("codec", "format_", "encoding"), [("libx264", "h264", "protobuf"), ("libx265", "h265", "json")]
 )
 def test_a_video_of_foxglove_is_read_from_any_frame_on(tmp_path, recorders, codec, format_, encoding):
+    """Without B frames, with a key frame every five."""
     images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
-    name, stamps = "foxglove.CompressedVideo", stamps_at(np.arange(15) / 25)
-    messages = [
-        (stamp, recorders.serialize(name, encoding, stamp, {"data": data, "format": format_}))
-        for stamp, data in zip(stamps, as_packets(images, codec, 5), strict=True)
-    ]
-    kind = "jsonschema" if encoding == "json" else "protobuf"
-    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": (name, kind, encoding, messages)})
+    options = {"tune": "zerolatency", "crf": "10", "preset": "ultrafast", "g": "5", "bf": "0"}
+    with av.open(str(encode(tmp_path / f"drive.{format_}", images, codec, options=options))) as video:
+        rows = [{"data": bytes(packet), "format": format_} for packet in video.demux() if packet.size]
+    topic = recorders.foxglove_topic("CompressedVideo", encoding, stamps_at(np.arange(15) / 25), rows)
+    path = recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
     info = inspect_video(path)
     assert (info.frames, info.fps, info.missing, info.width, info.height) == (15, 25, 0, 128, 96)
     assert shades(path) == pytest.approx([20 + 10 * number for number in range(15)], abs=3)
     frames = list(read_timed_frames(path, start_s=0.28, end_s=0.48))
     assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
     assert [frame.image.mean() for frame in frames] == pytest.approx([90, 100, 110, 120, 130], abs=3)
-
-
-@pytest.mark.parametrize("in_ros", [False, True])
-def test_the_calibration_of_foxglove_is_the_camera(tmp_path, recorders, in_ros):
-    name, k, d = "foxglove.CameraCalibration", SMALL.matrix.ravel(), SMALL.distortion
-    if in_ros:
-        row = (640, 360, "plumb_bob", d, k, np.eye(3).ravel(), np.zeros(12))
-        info = foxglove_in_ros("CameraCalibration", CALIBRATION, [row])
-    else:
-        fields = {"width": 640, "height": 360, "distortion_model": "plumb_bob", "D": d.tolist(), "K": k.tolist()}
-        data = recorders.serialize(name, "protobuf", STAMPS[0], fields | {"P": []})
-        info = name, "protobuf", "protobuf", [(STAMPS[0], data)]
-    topics = {"/front/image": foxglove_topic(recorders, "foxglove.CompressedImage", "protobuf")}
-    topics["/front/camera_info"] = info
-    camera = read_log_camera(recorders.write_mcap(tmp_path / "drive.mcap", topics))
-    np.testing.assert_array_equal(camera.matrix, SMALL.matrix)
-    np.testing.assert_array_equal(camera.distortion, SMALL.distortion)
 
 
 # Recordings of rosbag2.
@@ -208,38 +166,25 @@ def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(tmp_path):
         inspect_video(folder)
 
 
-def test_a_folder_of_pictures_with_another_metadata_file_stays_one(tmp_path):
-    (tmp_path / "metadata.yaml").write_text("camera: front\n")
-    Image.fromarray(TINY[0]).save(tmp_path / "a.png")
-    assert find_sources([str(tmp_path)]).stills == (tmp_path / "a.png",)
-
-
 def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
-    source = logs.write_log(tmp_path / "whole.db3", TINY, TINY_TIMES_S)
-    path = tmp_path / "killed.db3"
-    shutil.copyfile(source, path)
-    database = sqlite3.connect(path)
-    database.execute("PRAGMA journal_mode=WAL")
-    database.execute("PRAGMA wal_autocheckpoint=0")
-    late = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY timestamp").fetchall()[-2:]
-    database.execute("DELETE FROM messages WHERE id >= ?", [late[0][0]])
-    database.commit()
-    database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-    database.executemany("INSERT INTO messages (id, topic_id, timestamp, data) VALUES (?, ?, ?, ?)", late)
-    database.commit()
-    killed = tmp_path / "copy" / "killed.db3"
-    killed.parent.mkdir()
-    for suffix in ("", "-wal"):  # as they are while the recorder runs
-        shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
-    database.close()
+    whole = logs.write_log(tmp_path / "whole.db3", TINY, TINY_TIMES_S)
+    path = logs.write_log(tmp_path / "killed.db3", TINY[:4], TINY_TIMES_S[:4])
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("PRAGMA journal_mode=WAL; PRAGMA wal_autocheckpoint=0")
+        database.execute("ATTACH ? AS whole", [str(whole)])
+        database.execute("INSERT INTO messages SELECT * FROM whole.messages ORDER BY timestamp LIMIT 4, 2")
+        database.commit()
+        killed = tmp_path / "copy" / "killed.db3"
+        killed.parent.mkdir()
+        for suffix in ("", "-wal"):  # as they are while the recorder runs
+            shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
     assert os.path.getsize(f"{killed}-wal")
     assert shades(killed) == SHADES
 
 
-def test_the_own_messages_are_no_source(tmp_path, run):
+def test_the_own_messages_are_no_source(tmp_path, drive, run):
     """Neither in a folder, nor by a pattern, nor by their names, as a shell gives them."""
-    images = [BENDS.frame(number / 25) for number in range(4)]
-    path = logs.write_log(tmp_path / "drive.mcap", images, np.arange(4) / 25, camera=SMALL)
+    path = logs.write_log(tmp_path / "drive.mcap", drive[:4], DRIVE_TIMES_S[:4], camera=SMALL)
     save_camera(SMALL, tmp_path / "camera.yaml")
     common = "annotate", "--camera", tmp_path / "camera.yaml", "--no-report", "-o", tmp_path
     assert run(*common, path)[0] == 0 and (tmp_path / "drive.lane.mcap").is_file()
@@ -311,6 +256,7 @@ ENCODINGS = [
     (compressed(mosaic(SMOOTH.astype(np.uint16) << 4, "rggb"), "bayer_rggb16; png compressed ", ".png"), 6),  # 12 bits
     (compressed(SMOOTH[..., ::-1].astype(np.uint16) << 8, "rgb16; png compressed ", ".png"), 0),
     (compressed(SMOOTH[..., ::-1], "bayer_rggb8; jpeg compressed bgr8", ".jpg"), 12),
+    (compressed(mosaic(SMOOTH, "gbrg"), "bayer_gbrg8; jpeg compressed ", ".jpg"), 12),
 ]
 ENCODINGS = [(*row, SMOOTH) for row in ENCODINGS] + [
     (raw(GRAY, "mono8", pad=5), 0, np.dstack([GRAY] * 3)),
@@ -340,30 +286,30 @@ def test_the_bits_of_a_camera_are_those_of_its_brightest_images(tmp_path, bits, 
 # The camera.
 
 
-def write_part(path: Path, size: tuple[int, int], **changes: object) -> Path:
-    made = stamp_images([np.zeros((size[1], size[0], 3), np.uint8)] * 2, STAMPS, ".png")
-    info = logs.make_camera_info(SMALL, STAMPS[0], **changes)
-    return write_messages(path, {"/front/image_raw": made, "/front/camera_info": [(STAMPS[0], info)]})
+def of_part(size: tuple[int, int], **changes: object) -> Callable[[Path], Path]:
+    """A function that writes a log of images of that size, and the `camera_info` of SMALL with these changes."""
+    images = [np.zeros((size[1], size[0], 3), np.uint8)] * 2
+    return lambda path: logs.write_log(path, images, TINY_TIMES_S[:2], camera=SMALL, **changes)
 
 
-def region(left: int, top: int, width: int, height: int) -> object:
-    return logs.ROS2.types["sensor_msgs/msg/RegionOfInterest"](left, top, height, width, False)
+# Left, top, height and width of a region of interest.
+PART = logs.ROS2.types["sensor_msgs/msg/RegionOfInterest"](120, 100, 200, 400, False)
 
 
 @pytest.mark.parametrize(
     ("size", "changes", "scale", "origin"),
     [
         ((320, 180), {"binning_x": 2, "binning_y": 2}, 0.5, (0, 0)),
-        ((400, 200), {"roi": region(120, 100, 400, 200)}, 1, (120, 100)),
-        ((200, 100), {"roi": region(120, 100, 400, 200), "binning_x": 2, "binning_y": 2}, 0.5, (120, 100)),
-        ((800, 400), {"roi": region(120, 100, 400, 200)}, 2, (120, 100)),  # resized afterwards
+        ((400, 200), {"roi": PART}, 1, (120, 100)),
+        ((200, 100), {"roi": PART, "binning_x": 2, "binning_y": 2}, 0.5, (120, 100)),
+        ((800, 400), {"roi": PART}, 2, (120, 100)),  # resized afterwards
         ((640, 360), {"binning_x": 2, "binning_y": 2}, 1, (0, 0)),  # stated, but not done
         ((320, 180), {}, 0.5, (0, 0)),
     ],
 )
 def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, changes, scale, origin):
     """A point of the whole sensor is in the part where it was cut out, and in the binned image at its place there."""
-    path = write_part(tmp_path / "drive.mcap", size, **changes)
+    path = of_part(size, **changes)(tmp_path / "drive.mcap")
     camera = DriveSettings(output=tmp_path).camera_for(size, path)
     pixels = np.array([[origin[0] + 50.0, origin[1] + 40.0], [origin[0] + 250.0, origin[1] + 90.0]])
     part = (pixels - origin + 0.5) * scale - 0.5
@@ -376,9 +322,9 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, change
 
 def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path):
     order, stamps = [0, 2, 1, 3, 4, 6, 7, 5, 8, 9, 11, 10], stamps_at(DRIVE_TIMES_S)
-    made = stamp_images([np.full((8, 12, 3), n, np.uint8) for n in order], [stamps[n] for n in order])
-    recorded = [(logs.BEGIN_NS + 10**7 * n, message) for n, (_, message) in enumerate(made)]
-    path = write_messages(tmp_path / "a.mcap", {"/camera": recorded})
+    images, recorded = [np.full((8, 12, 3), n, np.uint8) for n in order], logs.BEGIN_NS + 10**7 * np.arange(12)
+    path = tmp_path / "a.mcap"
+    logs.write_log(path, images, stamps_ns=[stamps[n] for n in order], recorded_ns=recorded.tolist())
     frames = list(read_timed_frames(path))
     assert [frame.image[0, 0, 0] for frame in frames] == [frame.number for frame in frames] == list(range(12))
     assert [frame.time_s for frame in frames] == pytest.approx(DRIVE_TIMES_S) and inspect_video(path).missing == 0
@@ -386,23 +332,22 @@ def test_images_recorded_out_of_order_are_sorted_by_their_stamps(tmp_path):
 
 
 @pytest.mark.parametrize("wrong_s", [-1.7e9 - 0.25, -5.0])
-def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, annotate, wrong_s):
+def test_outliers_of_the_stamps_are_replaced_and_said(tmp_path, drive, annotate, wrong_s):
     """A stamp of 1970, and one that is a little too early."""
     stamps = stamps_at(DRIVE_TIMES_S)
     stamps[7] += int(wrong_s * 1e9)
-    made = stamp_images([BENDS.frame(time_s) for time_s in DRIVE_TIMES_S], stamps)
-    recorded = [(n, message) for n, (_, message) in enumerate(made, 1)]
-    out, table = annotate(write_messages(tmp_path / "drive.mcap", {"/camera": recorded}))
+    path = tmp_path / "drive.mcap"
+    out, table = annotate(logs.write_log(path, drive, stamps_ns=stamps, recorded_ns=range(1, 13)))
     assert "1 time stamps far from those of the images around them are replaced" in out
     assert table["time_s"] == pytest.approx(DRIVE_TIMES_S, abs=1e-6)
 
 
 @pytest.mark.parametrize("jump_s", [7200.0, 1.7e9])
-def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_path, annotate, jump_s):
+def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_path, drive, annotate, jump_s):
     """Two recordings on one clock, and a clock that was set while recording."""
     stamps = [1_000_000_000 + round(1e9 * (t + jump_s * (n >= 8))) for n, t in enumerate(DRIVE_TIMES_S)]
-    made = stamp_images([BENDS.frame(time_s) for time_s in DRIVE_TIMES_S], stamps)
-    out, table = annotate(write_messages(tmp_path / "drive.mcap", {"/camera": made}))
+    path = tmp_path / "drive.mcap"
+    out, table = annotate(logs.write_log(path, drive, stamps_ns=stamps, recorded_ns=stamps))
     assert f"1 jumps of its clock, of up to {jump_s:.0f} s, are shortened to 5 s" in out and "missing" not in out
     assert table["frame"].tolist() == list(range(12)) and np.diff(table["time_s"])[7] == pytest.approx(5)
     assert inspect_video(tmp_path / "out" / "drive.mp4").frames == 12
@@ -411,33 +356,61 @@ def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(tmp_p
 # What cannot be used is named by the command before a field of view is assumed, and nothing is written.
 
 
+def write_cut(path: Path, share: float) -> Path:
+    path = logs.file_of(logs.write_log(path, TINY * 40, np.arange(240) / 10))
+    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    return path
+
+
+def write_encrypted(path: Path) -> Path:
+    logs.write_log(path, TINY, TINY_TIMES_S)
+    version, data = path.read_bytes().split(b"\n", 1)
+    field = b"\x20\0\0\0encryptor=rosbag/AesCbcEncryptor"
+    # the header of the bag is padded to 4096 bytes: a field is added, and as much of the padding is removed
+    end = 4 + int.from_bytes(data[:4], "little")
+    header = (end - 4 + len(field)).to_bytes(4, "little") + data[4:end] + field
+    padding = (int.from_bytes(data[end : end + 4], "little") - len(field)).to_bytes(4, "little")
+    path.write_bytes(version + b"\n" + header + padding + data[end + 4 + len(field) :])
+    return path
+
+
+def write_unknown(path: Path) -> Path:
+    recorders = pytest.importorskip("tests.support.recorders", reason="mcap and protobuf are not installed")
+    topic = "foxglove.CompressedVideo", "cbor", [(stamp, b"\0" * 40) for stamp in STAMPS]
+    return recorders.write_mcap(path, {"/front": topic})
+
+
+def of_message(message: object) -> Callable[[Path], Path]:
+    return lambda path: write_messages(path, {"/a": [(1, message)]})
+
+
 def of_format(format_: str) -> Callable[[Path], Path]:
     return lambda path: write_fields(path, [compressed(GRAY, format_, ".png")] * 3)
 
 
-def of_part(size: tuple[int, int], **changes: object) -> Callable[[Path], Path]:
-    return lambda path: write_part(path, size, **changes)
+UNUSABLE = [
+    ("drive.bag", lambda path: write_cut(path, 0.95), "cut off"),
+    ("drive.db3", lambda path: write_cut(path, 0.3), "cut off"),
+    ("drive.mcap", lambda path: write_cut(path, 0.95), "cut off"),
+    ("folder", lambda path: write_cut(path, 0.001), "cut off"),
+    ("encrypted.bag", write_encrypted, "is cut off, damaged, encrypted.*AesCbcEncryptor.*; copy it"),
+    ("a.mcap", of_message(logs.make_image(TINY[0], 1, "32FC1")), "encoding '32FC1'; record one of rgb8"),
+    ("a.mcap", of_message(logs.ROS2.types["std_msgs/msg/String"]("hello")), "no topic; name another log"),
+    ("a.mcap", of_message(logs.make_image(TINY[0], logs.BEGIN_NS)), "has 1 images"),
+    ("a.mcap", of_format("16UC1; compressedDepth png"), "has depths"),
+    ("a.mcap", of_format("h264"), "is a video in h264"),
+    ("a.mcap", of_format("bayer_rgbw8; png compressed "), "an unknown mosaic"),
+    ("a.mcap", write_unknown, r"has foxglove.CompressedVideo \(cbor\) on /front, which is not read"),
+    ("a.mcap", of_part((300, 300), roi=PART), "that of 400x200 pixels, but the images have 300x300"),
+    ("a.mcap", of_part((300, 300)), "300x300 image has another aspect ratio than the calibrated 640x360"),
+    ("a.mcap", of_part((640, 360), distortion_model="ftheta"), "distortion model 'ftheta' is not supported"),
+]
 
 
-UNUSABLE = {
-    "has depths": of_format("16UC1; compressedDepth png"),
-    "is a video in h264": of_format("h264"),
-    "an unknown mosaic": of_format("bayer_rgbw8; png compressed "),
-    "has foxglove.CompressedVideo (cbor) on /front, which is not read": None,
-    "that of 400x200 pixels, but the images have 300x300": of_part((300, 300), roi=region(120, 100, 400, 200)),
-    "300x300 image has another aspect ratio than the calibrated 640x360": of_part((300, 300)),
-    "distortion model 'ftheta' is not supported": of_part((640, 360), distortion_model="ftheta"),
-}
-
-
-@pytest.mark.parametrize("named", UNUSABLE)
-def test_what_cannot_be_used_is_named(tmp_path, run, recorders, named):
-    path = tmp_path / "drive.mcap"
-    if write := UNUSABLE[named]:
-        write(path)
-    else:
-        topic = "foxglove.CompressedVideo", "any", "cbor", [(stamp, b"\0" * 40) for stamp in STAMPS]
-        recorders.write_mcap(path, {"/front": topic})
+@pytest.mark.parametrize(("name", "write", "words"), UNUSABLE)
+def test_what_cannot_be_used_is_named(tmp_path, run, name, write, words):
+    path = write(tmp_path / name)
     status, out, err = run("annotate", path, "-o", tmp_path / "out")
-    assert (status, out) == (2, "") and "drive.mcap" in err and named in err and "assumed" not in err
+    assert (status, out) == (2, "") and re.search(f"{name}.*{words}", err) and "assumed" not in err
+    assert ("damaged" in err) == ("cut off" in words)
     assert not (tmp_path / "out").exists()

@@ -1,9 +1,10 @@
-"""Scores of lines made by hand, lateral errors on a known road, and the command `python -m lanes score`."""
+"""Files of labels, scores of lines made by hand, errors on a known road, and the command `python -m lanes score`."""
 
 from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from unicodedata import normalize
 
@@ -15,7 +16,6 @@ from lanes.files import write_json_lines
 from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
 from lanes.score import DISTANCES, StillScore, reliability, score_still, summarize
-from tests.support.command_line import main
 from tests.support.project import names
 
 ROWS = np.arange(400.0, 600, 10)
@@ -36,9 +36,9 @@ def upright(column: float = 300.0) -> np.ndarray:
     return np.full(len(ROWS), column)
 
 
-def slanted(slope: float) -> np.ndarray:
+def slanted(slope: float, column: float = 500.0) -> np.ndarray:
     """A line that goes `slope` columns right for each row down."""
-    return 500 + slope * (ROWS - ROWS[0])
+    return column + slope * (ROWS - ROWS[0])
 
 
 def without(rows: slice, column: float = 300.0) -> np.ndarray:
@@ -47,6 +47,117 @@ def without(rows: slice, column: float = 300.0) -> np.ndarray:
     line[rows] = -2
     return line
 
+
+def entry(name: str, found: LaneColumns, **more: object) -> dict:
+    return {"raw_file": name, "h_samples": found.rows.tolist(), "lanes": found.columns.tolist(), **more}
+
+
+def read_pairs(folder: Path, labels: list[dict], found: list[dict]) -> tuple[list, list]:
+    """The labels, and the prediction for each of them, written to files and read."""
+    write_json_lines(folder / "labels.jsonl", labels)
+    write_json_lines(folder / "found.jsonl", found)
+    read = read_labels(folder / "labels.jsonl")
+    return read, read_predictions(folder / "found.jsonl", read)
+
+
+# Files of labels and predictions: their ego lane, which prediction is for which label, and what is refused.
+
+SHAKY = upright(500)
+SHAKY[-2:] += -2, 2  # extended from these two, it would end at 552
+# Lines, their names, and the columns of the left and the right one in row 400.
+EGO_LANES = {
+    # In row 400 the second line is nearest to the centre on the left; at the bottom it has gone far left.
+    "next to the bottom centre": ((200, slanted(-2, 630), 500, 800, slanted(3, 700)), (), [500, 800]),
+    "one without points": ((700, -2, 900), (), [-2, 700]),
+    "extended from the lower half": ((SHAKY, 540, 900), (), [540, 900]),
+    "a single one on the left": ((600,), (), [600, -2]),
+    "none": ((), (), [-2, -2]),
+    "two are both, wherever they are": ((100, 300), (), [100, 300]),
+    "in any order": ((300, 100), (), [100, 300]),
+    "without points in its place": ((-2, 300), (), [-2, 300]),
+    "by their names": ((900, 300, 600), ("far left", "left", "right"), [300, 600]),
+    "names before places": ((900, 300), EGO_SIDES, [900, 300]),
+    "other names": ((900, 300, 600), ("right", "far right", "x"), [-2, 900]),
+}
+
+
+@pytest.mark.parametrize("name", EGO_LANES)
+def test_the_ego_lane_among_lines(name):
+    given, sides, expected = EGO_LANES[name]
+    columns = [upright(one) if isinstance(one, int) else one for one in given]
+    found = replace(lines(*columns), sides=sides).ego_lane((1280, 720))
+    assert found.columns[:, 0].tolist() == expected
+
+
+# Names of the labels, names of the predictions, and which prediction is that of each label.
+PAIRS = {
+    "by the end of the path": (
+        ["clips/1/20.jpg", "clips/2/20.jpg"],
+        ["/data/clips/2/20.jpg", "/x/3/20.jpg"],
+        [None, 0],
+    ),
+    "not of other folders": (["day/1.jpg"], [f"/data/{name}/1.jpg" for name in ("night", "day", "rain")], [1]),
+    "of Windows": (["clips\\1\\20.png", "clips\\2\\20.png"], ["D:\\clips\\2\\20.png", "D:\\clips\\1\\20.png"], [1, 0]),
+}
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_pictures_are_paired(tmp_path, name):
+    labelled, predicted, expected = PAIRS[name]
+    labels = [entry(one, lines(upright())) for one in labelled]
+    _, found = read_pairs(tmp_path, labels, [entry(one, lines(upright(k))) for k, one in enumerate(predicted)])
+    assert [pair and pair.columns[0, 0] for pair in found] == expected
+
+
+def test_predictions_without_rows_are_at_those_of_their_label(tmp_path):
+    labels = [entry("a.png", lines(upright())), entry("b.png", lines(upright()))]
+    found = [{"raw_file": "a.png", "lanes": [upright(7).tolist()]}, {"raw_file": "b.png", "lanes": []}]
+    found += [{"raw_file": "unknown.png", "lanes": [[9.0] * 5]}]
+    _, (one, none) = read_pairs(tmp_path, labels, found)
+    assert one.rows.tolist() == ROWS.tolist() and one.columns[0, 0] == 7 and none.empty
+    assert none.at(ROWS).shape == (0, len(ROWS))
+    found[0]["lanes"] = [[1.0, 2.0]]
+    with pytest.raises(ValueError, match=r"found.jsonl: line 1 is not a prediction .*shape \(1, 2\)"):
+        read_pairs(tmp_path, labels, found)
+
+
+ONE, OTHER = entry("a.png", lines(upright())), entry("b.png", lines(upright()))
+TWICE = "two labels or two predictions are for the same picture"
+
+
+@pytest.mark.parametrize(
+    ("labels", "found", "words"),
+    [
+        ([ONE, ONE], [ONE], TWICE),
+        ([ONE], [ONE, ONE], TWICE),
+        ([ONE], [OTHER], "has no prediction for any labelled image"),
+    ],
+)
+def test_files_that_cannot_be_paired_are_refused(tmp_path, labels, found, words):
+    with pytest.raises(ValueError, match=f"found.jsonl: {words}"):
+        read_pairs(tmp_path, labels, found)
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"raw_file": 3}, "line 2 is not a label"),
+        ({"lanes": {"0": [1]}}, "line 2 is not a label"),
+        ({"sides": ["left", "right"]}, "line 2 is not a label"),
+        ({"sides": ["left"], "lanes": [upright().tolist()] * 2}, "line 2 is not a label"),
+        ({"confidence": 1.5}, "line 2 is not a label"),
+        ({"raw_file": "x/../../a.png"}, "the picture 'x/../../a.png' lies outside"),
+        ({"raw_file": "..\\a.png"}, "the picture '../a.png' lies outside"),
+        ({"raw_file": "a\0.png"}, "lies outside"),
+    ],
+)
+def test_other_files_are_refused_with_the_line(tmp_path, more, words):
+    """More of them: tests/support/bad_files.py, and any content in tests/properties/test_any_file.py."""
+    with pytest.raises(ValueError, match=rf"labels\.jsonl: .*{words}"):
+        read_pairs(tmp_path, [ONE, ONE | more], [ONE])
+
+
+# Scores.
 
 # Label, prediction, width of the picture, and the accuracy of the left line; 3-4-5 and 5-12-13 are its triangles.
 ACCURACIES = {
@@ -86,7 +197,7 @@ def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_w
         assert score_still(none, None).right and score_still(none, lines(NOTHING, confidence=0.9)).right
 
 
-def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
+def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, score):
     """Random pictures, also with more lines than counted, without lines, and with slow predictions."""
     rng, rows, entries = np.random.default_rng(4), list(range(240, 720, 10)), {"labels": [], "found": []}
     for number in range(60):
@@ -99,27 +210,15 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, capsys):
         entries["labels"].append({"raw_file": f"{number}.jpg", "lanes": lanes, "h_samples": rows})
         run_time = float(rng.choice([10, 200, 200.1]))
         entries["found"].append({"raw_file": f"{number}.jpg", "lanes": found, "run_time": run_time})
-    write_lines(tmp_path, **entries)
-    labels = read_labels(tmp_path / "labels.jsonl")
-    pairs = zip(labels, read_predictions(tmp_path / "found.jsonl", labels), strict=True)
-    row = summarize([score_still(*pair) for pair in pairs])
-    wanted = np.mean([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)], 0)
+    row = summarize([score_still(*pair) for pair in zip(*read_pairs(tmp_path, **entries), strict=True)])
+    theirs = np.array([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)])
+    wanted = theirs.mean(axis=0)
     assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(wanted, abs=1e-9)
-    assert min(tusimple_bench(*pair)[1] for pair in zip(entries["labels"], entries["found"], strict=True)) < 0
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+    assert theirs[:, 1].min() < 0
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
-
-
-def write_lines(folder: Path, labels: list[dict], found: list[dict]) -> None:
-    write_json_lines(folder / "labels.jsonl", labels)
-    write_json_lines(folder / "found.jsonl", found)
-
-
-def entry(name: str, found: LaneColumns, **more: object) -> dict:
-    return {"raw_file": name, "h_samples": found.rows.tolist(), "lanes": found.columns.tolist(), **more}
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
@@ -218,15 +317,24 @@ def folder(tmp_path) -> Path:
         entry("a/1.jpg", road_lines(5.0, -1.7, 1.9), confidence=0.9),
         entry("a/2.jpg", good, confidence=0.8),
     ]
-    write_lines(tmp_path, labels, found)
+    read_pairs(tmp_path, labels, found)
     for name in ("a/1.jpg", HOSTILE):
         write_image(tmp_path / name, np.full((720, 1280, 3), 90, np.uint8))
     save_camera(CAMERA, tmp_path / "camera.yaml")
     return tmp_path
 
 
-def score(folder: Path, *options: object) -> int:
-    return main(["score", *(str(folder / f"{name}.jsonl") for name in ("labels", "found")), *map(str, options)])
+@pytest.fixture
+def score(run):
+    """A function that scores a folder into its page.html; returns what the command prints, on stderr if it refuses."""
+
+    def score(folder: Path, *options: object, output: str = "page.html", status: int = 0) -> str:
+        labels, predictions = folder / "labels.jsonl", folder / "found.jsonl"
+        ended, out, err = run("score", labels, predictions, *options, "-o", folder / output)
+        assert ended == status
+        return err if status else out
+
+    return score
 
 
 def rows_of(text: str, title: str) -> dict[str, list[str]]:
@@ -240,10 +348,9 @@ def page_data(page: Path) -> dict:
     return json.loads(text)
 
 
-def test_command_prints_tables_and_writes_a_page(folder, capsys):
+def test_command_prints_tables_and_writes_a_page(folder, score):
     page = folder / "out" / "page.html"
-    assert score(folder, "--camera", folder / "camera.yaml", "-o", page) == 0
-    said = capsys.readouterr().out
+    said = score(folder, "--camera", folder / "camera.yaml", output="out/page.html")
     assert rows_of(said, "scores") == {
         "all": ["3", "0.333", "0.333", "0.444", "0.333", "0.500", "0.500"],
         "a": ["2", "0.500", "0.500", "0.667", "0.000", "1.000", "1.000"],
@@ -269,25 +376,24 @@ def test_command_prints_tables_and_writes_a_page(folder, capsys):
         (CAMERA, "page.html", "a/2.jpg: cannot be decoded"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, camera, output, words, capsys):
+def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, camera, output, words, score):
     save_camera(camera, folder / "camera.yaml")
     if "decoded" in words:
         (folder / "a" / "2.jpg").write_bytes((folder / "a" / "1.jpg").read_bytes()[:300])
     before = names(folder), (folder / "a" / "1.jpg").read_bytes()
-    assert score(folder, "--camera", folder / "camera.yaml", "-o", folder / output) == 2
-    assert words in capsys.readouterr().err and (names(folder), (folder / "a" / "1.jpg").read_bytes()) == before
+    assert words in score(folder, "--camera", folder / "camera.yaml", output=output, status=2)
+    assert (names(folder), (folder / "a" / "1.jpg").read_bytes()) == before
 
 
 @pytest.mark.parametrize(
     ("labelled", "predicted", "on_disk"), [("NFC", "NFD", "NFD"), ("NFD", "NFC", "NFD"), ("NFD", "NFD", "NFC")]
 )
-def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, capsys, labelled, predicted, on_disk):
+def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, score, labelled, predicted, on_disk):
     """macOS decomposes accents and Hangul."""
     good, name = road_lines(1.8, -1.8), "Fahrt nach Köln/서울 é.png"
     write_image(tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8))
-    write_lines(tmp_path, *([entry(normalize(form, name), good)] for form in (labelled, predicted)))
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+    read_pairs(tmp_path, *([entry(normalize(form, name), good)] for form in (labelled, predicted)))
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"] and "note:" not in said
     assert page_data(tmp_path / "page.html")["stills"][0]["jpeg"]
 
@@ -308,10 +414,9 @@ def bend_at(rows: np.ndarray) -> dict:
         (np.arange(240, 711, 10), np.arange(420, 701, 10), "0.604", ["(rows 240, 250, 260, "]),
     ],
 )
-def test_other_rows_are_interpolated_or_named(tmp_path, capsys, labelled, predicted, accuracy, notes):
-    write_lines(tmp_path, [bend_at(labelled)], [bend_at(predicted)])
-    assert score(tmp_path, "-o", tmp_path / "page.html") == 0
-    said = capsys.readouterr().out
+def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predicted, accuracy, notes):
+    read_pairs(tmp_path, [bend_at(labelled)], [bend_at(predicted)])
+    said = score(tmp_path)
     assert rows_of(said, "scores")["all"][5] == accuracy
     assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
     assert all(note in said for note in notes)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import av
 import numpy as np
 import pytest
 from PIL import Image
@@ -14,6 +13,7 @@ from lanes.images import read_image, write_image
 from lanes.sources import find_sources, require_distinct_outputs, sample_images
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
+from tests.support.clips import encode
 
 
 def test_the_name_decides_what_a_file_is(tmp_path):
@@ -25,13 +25,8 @@ def test_the_name_decides_what_a_file_is(tmp_path):
     for name, container in (videos | {"k.gif": "gif", "l": "matroska"}).items():
         codec = {"asf": "wmv2", "mxf": "mpeg2video", "gif": "gif"}.get(container, "libx264")
         pixels = "rgb8" if container == "gif" else "yuv420p"
-        with av.open(str(tmp_path / name), "w", format=container) as file:
-            stream = file.add_stream(codec, rate=25)
-            stream.width, stream.height, stream.pix_fmt = 64, 64, pixels
-            for number in range(5):
-                frame = av.VideoFrame.from_ndarray(np.full((64, 64, 3), 40 * number, np.uint8))
-                file.mux(stream.encode(frame.reformat(format=pixels)))
-            file.mux(stream.encode(None))
+        images = [np.full((64, 64, 3), 40 * number, np.uint8) for number in range(5)]
+        encode(tmp_path / name, images, codec, pixels, container=container)
     (tmp_path / "notes.txt").write_text("notes")
     (tmp_path / ".hidden.mp4").touch()
     (tmp_path / "d.partial.7.mp4").touch()
@@ -39,11 +34,12 @@ def test_the_name_decides_what_a_file_is(tmp_path):
     for missing, words in {"no.mp4": "no such file or", "*.webm": "no such file", "empty": "holds neither"}.items():
         with pytest.raises(FileNotFoundError, match=words):
             find_sources([f"{tmp_path}/{missing}"])
-    (tmp_path / "camera.yaml").write_text("image_width: 640")
+    for name in ("camera.yaml", "metadata.yaml"):  # a recording of ROS has another one
+        (tmp_path / name).write_text("image_width: 640")
     found = find_sources([str(tmp_path)])
     assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d.png"]
     assert [path.name for path in found.videos] == [*videos, "k.gif"]
-    assert [path.name for path in found.skipped] == ["camera.yaml", "l", "notes.txt"]
+    assert [path.name for path in found.skipped] == ["camera.yaml", "l", "metadata.yaml", "notes.txt"]
     for still in found.stills:
         assert np.abs(read_image(still).astype(int) - 90).max() < 4
     named = find_sources([str(tmp_path / "l")])

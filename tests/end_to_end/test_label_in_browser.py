@@ -51,8 +51,7 @@ def page(folder):
             for key, lateral_m in zip("lr", LINES_M, strict=True):
                 browser.press(key)
                 click(browser, choose_clicks(BENDS, time_s, lateral_m, rng))
-            browser.press("n")
-            browser.wait(f"still.saved[{number}]")
+            browser.press("n", until=f"still.saved[{number}]")
         yield browser
 
 
@@ -60,7 +59,7 @@ def click(page, points: np.ndarray) -> None:
     """Click with the mouse at these places (N, 2) of the picture."""
     canvas = page.find_element(By.ID, "still")
     size = np.array([canvas.rect["width"], canvas.rect["height"]])
-    for place in page.execute_script("return arguments[0].map(toScreen)", points.tolist()):
+    for place in page.value("arguments[0].map(toScreen)", points.tolist()):
         from_centre = np.round(np.array(place) - size / 2).astype(int).tolist()
         ActionChains(page, duration=0).move_to_element_with_offset(canvas, *from_centre).click().perform()
 
@@ -76,7 +75,7 @@ def truth(time_s: float) -> np.ndarray:
 
 def test_stills_labelled_with_the_mouse_are_like_the_truth(page, folder):
     page.wait("document.getElementById('message').textContent === 'All stills are labelled.'")
-    assert page.execute_script("return ours") is None and page.console() == []
+    assert page.value("ours") is None and page.console() == []
     labels = read_labels(folder / "labels.jsonl")
     assert [label.name for label in labels] == [f"{number}.png" for number in range(len(TIMES_S))]
     for label, time_s in zip(labels, TIMES_S, strict=True):
@@ -96,50 +95,41 @@ def test_stills_labelled_with_the_mouse_are_like_the_truth(page, folder):
 
 
 def test_our_lines_are_shown_beside_a_saved_label_which_then_stays(page, folder):
-    page.execute_script("return open(4)")
+    page.value("open(4)")
     page.wait("k === 4")
-    assert page.execute_script("return ours") is None
-    page.press("s")
-    page.wait("ours")
+    assert page.value("ours") is None
+    page.press("s", until="ours")
     page.wait("document.getElementById('message').textContent.includes('px from ours')")
     assert message(page).startswith("Saved. left line: ")
     before = (folder / "labels.jsonl").read_bytes()
-    page.press(Keys.ENTER)
-    page.wait("document.getElementById('message').textContent.startsWith('Our lines were shown')")
+    page.press(Keys.ENTER, until="document.getElementById('message').textContent.startsWith('Our lines were shown')")
     assert (folder / "labels.jsonl").read_bytes() == before
-    assert page.execute_script("return still.saved[4]") is True
+    assert page.value("still.saved[4]") is True
 
 
 def test_by_keyboard_alone(page, folder):
-    page.execute_script("return open(2)")
+    page.value("open(2)")
     page.wait("k === 2 && ours === null")
-    page.press("x")  # clears the line
-    page.wait("marks[0] === null && !still.saved[2]")
+    page.press("x", until="marks[0] === null && !still.saved[2]")  # clears the line
     for _ in range(2):
         page.press(Keys.ENTER)
         for _ in range(3):
             ActionChains(page).key_down(Keys.SHIFT).send_keys(Keys.ARROW_UP).key_up(Keys.SHIFT).perform()
         page.press(Keys.ARROW_LEFT)
     page.wait("marks[0].length === 2 && still.lanes[0].some(column => column >= 0)")
-    (x, low), (left, high) = page.execute_script("return marks[0]")
+    (x, low), (left, high) = page.value("marks[0]")
     assert (x - left, low - high) == (1, 30)
-    scale = page.execute_script("return view.scale")
-    page.press("+")
-    page.wait(f"view.scale > {scale}")
-    page.press("0")
-    page.wait(f"Math.abs(view.scale - {scale}) < 1e-6")
-    page.press(Keys.ESCAPE)
-    page.wait("marks[0].length === 1")
+    scale = page.value("view.scale")
+    page.press("+", until=f"view.scale > {scale}")
+    page.press("0", until=f"Math.abs(view.scale - {scale}) < 1e-6")
+    page.press(Keys.ESCAPE, until="marks[0].length === 1")
     page.press("n")  # incomplete: kept, not saved
     page.wait("k === 3 && document.getElementById('message').textContent.startsWith('2.png is incomplete')")
     label = next(json.loads(line) for line in (folder / "labels.jsonl").read_text().splitlines()[2:])
     assert label["raw_file"] == "2.png" and len(label["points"][0]) == 5
-    page.press("p")
-    page.wait("k === 2 && marks[0].length === 1 && !still.saved[2]")
-    page.press("o")
-    page.wait("document.getElementById('status').textContent === 'no lane'")
-    page.press("s")
-    page.wait("still.saved[2] && ours")
+    page.press("p", until="k === 2 && marks[0].length === 1 && !still.saved[2]")
+    page.press("o", until="document.getElementById('status').textContent === 'no lane'")
+    page.press("s", until="still.saved[2] && ours")
     label = json.loads((folder / "labels.jsonl").read_text().splitlines()[2])
     assert label["points"] == [None, None] and max(map(max, label["lanes"])) == NO_POINT
     page.find_element(By.CSS_SELECTOR, "button.right").send_keys(Keys.ENTER)  # a button works by keyboard, too
@@ -147,26 +137,22 @@ def test_by_keyboard_alone(page, folder):
 
 
 def test_lines_of_the_still_before_are_a_proposal_until_they_are_accepted(page, folder):
-    page.execute_script("return open(1)")
+    page.value("open(1)")
     page.wait("k === 1")
-    before, own = (folder / "labels.jsonl").read_bytes(), page.execute_script("return marks")
+    before, own = (folder / "labels.jsonl").read_bytes(), page.value("marks")
     page.press("c")
     page.wait("proposal && document.getElementById('status').textContent.endsWith('a proposal, not saved')")
     assert page.find_element(By.ID, "accept").is_displayed()
     for key in ("n", "s", Keys.ENTER, "x"):
         page.press(key)
         assert message(page).startswith("A proposal, not saved: the lines of the previous still")
-    page.press(Keys.ESCAPE)
-    page.wait("k === 1 && !proposal && still.saved[1]")
-    assert page.execute_script("return marks") == own and not page.find_element(By.ID, "accept").is_displayed()
-    page.press("c")
-    page.wait("proposal")
+    page.press(Keys.ESCAPE, until="k === 1 && !proposal && still.saved[1]")
+    assert page.value("marks") == own and not page.find_element(By.ID, "accept").is_displayed()
+    page.press("c", until="proposal")
     assert (folder / "labels.jsonl").read_bytes() == before
-    proposed = page.execute_script("return proposal.points")
-    page.press("a")
-    page.wait("!proposal && !still.saved[1]")
-    page.press("n")
-    page.wait("k === 2")
+    proposed = page.value("proposal.points")
+    page.press("a", until="!proposal && !still.saved[1]")
+    page.press("n", until="k === 2")
     label = json.loads((folder / "labels.jsonl").read_text().splitlines()[1])
     true = truth(TIMES_S[1])
     assert label["raw_file"] == "1.png" and label["points"] == proposed != own
@@ -175,23 +161,23 @@ def test_lines_of_the_still_before_are_a_proposal_until_they_are_accepted(page, 
 
 
 def test_wheel_and_drag_move_the_view_and_set_no_point(page):
-    page.execute_script("return open(3)")
+    page.value("open(3)")
     page.wait("k === 3")
-    count, view = page.execute_script("return [marks[0].length, view]")
+    count, view = page.value("[marks[0].length, view]")
     canvas = page.find_element(By.ID, "still")
     ActionChains(page).scroll_from_origin(ScrollOrigin.from_element(canvas), 0, -200).perform()
     page.wait(f"view.scale > {view['scale']} * 1.2")
-    zoomed = page.execute_script("return view")
+    zoomed = page.value("view")
     ActionChains(page).move_to_element(canvas).click_and_hold().move_by_offset(60, 25).release().perform()
     page.wait(f"Math.abs(view.x - {zoomed['x']} - 60) < 3")
-    assert page.execute_script("return [marks[0].length, still.saved[3]]") == [count, True]
+    assert page.value("[marks[0].length, still.saved[3]]") == [count, True]
 
 
 def test_the_page_fits_the_screen(page):
     for width in (400, 1800):
         page.set_size(width, 900)
         page.wait(f"innerWidth === {width}")
-        assert page.execute_script("return document.documentElement.scrollWidth <= innerWidth")
-        box = page.execute_script("const b = canvas.getBoundingClientRect(); return [b.width, b.height]")
+        assert page.value("document.documentElement.scrollWidth <= innerWidth")
+        box = page.value("(b => [b.width, b.height])(canvas.getBoundingClientRect())")
         assert box[0] > 0.9 * width and box[1] >= 250
     assert page.console() == []

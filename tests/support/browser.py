@@ -7,6 +7,7 @@ import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 from selenium import webdriver
@@ -42,10 +43,18 @@ class Browser(webdriver.Chrome):
         """Load a local file."""
         self.get(page.resolve().as_uri())
 
+    def value(self, expression: str, *arguments: object) -> Any:
+        """The value of a JavaScript expression, which may use `arguments`."""
+        return self.execute_script(f"return {expression}", *arguments)
+
+    def texts(self, selector: str) -> list[str]:
+        """The text of each element."""
+        return self.value("[...document.querySelectorAll(arguments[0])].map(e => e.textContent)", selector)
+
     def wait(self, condition: str) -> None:
         """Wait up to 10 s until a JavaScript expression is true."""
         until = WebDriverWait(self, timeout=10, poll_frequency=0.05).until
-        until(lambda page: page.execute_script(f"return Boolean({condition})"), f"never true: {condition}")
+        until(lambda page: page.value(f"Boolean({condition})"), f"never true: {condition}")
 
     def click(self, selector: str, *, across: float = 0.5) -> None:
         """Click with the mouse into an element, at this share of its width."""
@@ -54,9 +63,10 @@ class Browser(webdriver.Chrome):
         offset_px = round((across - 0.5) * element.rect["width"])
         ActionChains(self).move_to_element_with_offset(element, offset_px, 0).click().perform()
 
-    def press(self, key: str) -> None:
-        """Press and release a key; `selenium.webdriver.Keys` names those without a character."""
+    def press(self, key: str, *, until: str = "true") -> None:
+        """Press and release a key, and wait for an expression; `selenium.webdriver.Keys` names special keys."""
         ActionChains(self).send_keys(key).perform()
+        self.wait(until)
 
     def set_dark(self, dark: bool) -> None:
         """Set the colour scheme that the system asks for."""

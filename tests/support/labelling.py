@@ -27,14 +27,10 @@ class Labelling:
         self.address, self.summary = address, ""
         self.port, self.root = re.fullmatch(r"http://127\.0\.0\.1:(\d+)(/[\w-]{40,}/)label\.html", address).groups()
 
-    def ask(self, path: str, *, body: object = None, root: str | None = None, **headers: str) -> tuple[int, bytes]:
-        """Status and content of an answer; a POST with a `body`."""
-        return self.ask_with_headers(path, body=body, root=root, **headers)[:2]
-
-    def ask_with_headers(
+    def ask(
         self, path: str, *, body: object = None, root: str | None = None, **headers: str
     ) -> tuple[int, bytes, Message]:
-        """As `ask`, with the headers of the answer."""
+        """Status, content and headers of an answer; a POST with a `body`."""
         connection = HTTPConnection("127.0.0.1", int(self.port), timeout=SHUT_DOWN_S)
         data = None if body is None else json.dumps(body)
         connection.request("GET" if body is None else "POST", (root or self.root) + path, data, headers)
@@ -42,7 +38,7 @@ class Labelling:
         return answer.status, answer.read(), answer.headers
 
     def mark(self, number: int, points: list, *, save: bool = False) -> tuple[int, bytes]:
-        return self.ask(f"still/{number}", body={"points": points, "save": save})
+        return self.ask(f"still/{number}", body={"points": points, "save": save})[:2]
 
 
 @contextmanager

@@ -10,6 +10,9 @@ from typing import Any
 
 import cv2
 import numpy as np
+import pytest
+
+pytest.importorskip("rosbags", reason="rosbags is not installed: pip install rosbags")
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
@@ -26,6 +29,11 @@ ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE
 def stamps_at(times_s: Sequence[float]) -> list[int]:
     """Header stamps of images at these times, ns."""
     return [BEGIN_NS + round(1e9 * time_s) for time_s in times_s]
+
+
+def file_of(path: Path) -> Path:
+    """The file of a log, which is in a folder if it has no suffix."""
+    return path if path.suffix else path / f"{path.name}.db3"
 
 
 def shades(path: Path, **options: Any) -> list[float]:
@@ -102,17 +110,24 @@ def write_messages(
 def write_log(
     path: Path,
     images: Sequence[np.ndarray],
-    times_s: Sequence[float],
+    times_s: Sequence[float] = (),
     *,
+    stamps_ns: Sequence[int] | None = None,
+    recorded_ns: Sequence[int] | None = None,
     camera: Camera | None = None,
-    delay_ns: int = 30_000_000,
+    topic: str = "/camera/image_raw",
+    **changes: Any,
 ) -> Path:
-    """Write a log of images with header stamps at `times_s`, recorded `delay_ns` later and irregularly."""
+    """Write a log of images with header stamps at `times_s`, or `stamps_ns`; recorded later, and irregularly.
+
+    With a camera also its `camera_info`, which has `changes`.
+    """
     types = (ROS1 if path.suffix == ".bag" else ROS2).types
-    stamps = stamps_at(times_s)
-    recorded = [stamp + delay_ns + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
+    stamps = stamps_at(times_s) if stamps_ns is None else stamps_ns
+    if recorded_ns is None:
+        recorded_ns = [stamp + 90_000_000 + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
     made = (message for _, message in stamp_images(images, stamps, "rgb8", types))
-    topics = {"/camera/image_raw": list(zip(recorded, made, strict=True))}
+    topics = {topic: list(zip(recorded_ns, made, strict=True))}
     if camera:
-        topics["/camera/camera_info"] = [(recorded[0], make_camera_info(camera, stamps[0], types))]
+        topics["/camera/camera_info"] = [(recorded_ns[0], make_camera_info(camera, stamps[0], types, **changes))]
     return write_messages(path, topics)

@@ -1,14 +1,15 @@
-"""Videos made for the tests, and functions that read their frames, packets and boxes."""
+"""Videos of numbered frames, and functions that read their numbers, sound and packets."""
 
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
 import av
 import numpy as np
+
+from tests.support.clips import encode
 
 SIZE = (160, 96)
 YELLOW = (255, 200, 0)
@@ -30,39 +31,6 @@ def number_of(image: np.ndarray) -> int:
     return sum(int(row[bit * 16 + 8] > 128) << bit for bit in range(10))
 
 
-def encode(
-    path: Path,
-    images: Iterable[np.ndarray],
-    codec: str = "libx264",
-    pixels: str = "yuv420p",
-    *,
-    fps=25,
-    options: dict[str, str] | None = None,
-    sound: str | None = None,
-    aspect: Fraction | None = None,
-    **audio,
-) -> Path:
-    """RGB images as a video, written with PyAV instead of the tested code; `audio` may have a rate and a layout."""
-    images = list(images)
-    # The clock of a transport stream of a recorder does not begin at 0.
-    clock = {"output_ts_offset": "5"} if path.suffix == ".ts" else {}
-    with av.open(str(path), "w", options=clock) as container:
-        stream = container.add_stream(codec, rate=Fraction(fps), options=options or {})
-        stream.height, stream.width = images[0].shape[:2]
-        stream.pix_fmt = pixels
-        if aspect:
-            stream.codec_context.sample_aspect_ratio = aspect
-        if pixels == "yuvj420p":
-            stream.codec_context.color_range = 2
-        track = container.add_stream(sound, **{"rate": 48000, "layout": "mono"} | audio) if sound else None
-        for image in images:
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(image).reformat(format=pixels)))
-        container.mux(stream.encode(None))
-        if track:
-            add_tone(container, track, len(images) / float(fps))
-    return path
-
-
 def make_video(path: Path, frames: int = 25, *, size=SIZE, **settings) -> Path:
     """A video of numbered frames in any container; `settings` are those of `encode`."""
     pixels = "yuv420p" if size[0] % 2 == 0 else "yuv444p"
@@ -82,16 +50,6 @@ def set_matrix(source: Path, target: Path, a: int, b: int, c: int, d: int) -> No
     at = data.index(b"tkhd") + 4 + 4 + 20 + 16
     data[at : at + 36] = struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
     target.write_bytes(data)
-
-
-def add_tone(container, track, seconds: float) -> None:
-    """A tone that is silent in its first half, so that a shift is noticed."""
-    times = np.arange(int(48000 * seconds)) / 48000
-    wave = 0.5 * np.sin(2 * np.pi * 440 * times) * (times > seconds / 2)
-    frame = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
-    frame.sample_rate, frame.pts = 48000, 0
-    container.mux(track.encode(frame))
-    container.mux(track.encode(None))
 
 
 def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:

@@ -10,6 +10,7 @@ import pytest
 
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter, process_video
+from tests.support.clips import encode
 from tests.video.sample_videos import unchanged
 
 COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]
@@ -24,11 +25,12 @@ def patches(width: int = 128, height: int = 64) -> np.ndarray:
     return image
 
 
-def encode(path: Path, image: np.ndarray, tags: tuple[int, int, int, int], form: str = "yuv420p") -> Path:
-    """Five frames without loss, from YUV values that are computed here by H.273, clause 8.3; `tags` as stored.
+# Matrix, range (1 limited, 2 full), primaries and transfer function of a codec.
+TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
 
-    The tags are matrix, range (1 limited, 2 full), primaries and transfer function.
-    """
+
+def make_frame(image: np.ndarray, tags: tuple[int, int, int, int], form: str) -> av.VideoFrame:
+    """A frame in YUV, whose values are computed here by H.273, clause 8.3."""
     red, blue = LUMA.get(tags[0], LUMA[6])
     luma = image @ np.array([red, 1 - red - blue, blue]) / 255
     chroma = (image[..., 2] / 255 - luma) / (1 - blue) / 2, (image[..., 0] / 255 - luma) / (1 - red) / 2
@@ -37,25 +39,17 @@ def encode(path: Path, image: np.ndarray, tags: tuple[int, int, int, int], form:
     depth = 10 if "10le" in form else 8
     step_x, step_y = (1 if "444" in form else 2), (2 if "420" in form else 1)
     planes = [planes[0], planes[1][::step_y, ::step_x], planes[2][::step_y, ::step_x]]
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"qp": "0"})
-        stream.width, stream.height, stream.pix_fmt = image.shape[1], image.shape[0], form
-        codec = stream.codec_context
-        codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc = tags
-        for _ in range(5):
-            frame = av.VideoFrame(image.shape[1], image.shape[0], form)
-            for target, values in zip(frame.planes, planes, strict=True):
-                stored = np.frombuffer(target, np.uint8 if depth == 8 else np.uint16).reshape(target.height, -1)
-                stored[:, : target.width] = np.rint(values * 2 ** (depth - 8)).clip(0, 2**depth - 1)
-            container.mux(stream.encode(frame))
-        container.mux(stream.encode(None))
-    return path
+    frame = av.VideoFrame(image.shape[1], image.shape[0], form)
+    for target, values in zip(frame.planes, planes, strict=True):
+        stored = np.frombuffer(target, np.uint8 if depth == 8 else np.uint16).reshape(target.height, -1)
+        stored[:, : target.width] = np.rint(values * 2 ** (depth - 8)).clip(0, 2**depth - 1)
+    return frame
 
 
 def tags_of(path: Path) -> tuple[int, int, int, int]:
     with av.open(str(path)) as container:
         codec = container.streams.video[0].codec_context
-        return codec.colorspace, codec.color_range, codec.color_primaries, codec.color_trc
+        return tuple(getattr(codec, name) for name in TAGS)
 
 
 def assert_shows(path: Path, image: np.ndarray, tolerance: float) -> None:
@@ -76,7 +70,9 @@ SPACES |= {
 @pytest.mark.parametrize(("tags", "form"), SPACES.values(), ids=SPACES)
 def test_every_colour_space_shows_the_same_colours_in_the_output(tmp_path, tags, form):
     """Untagged colours are taken for those of BT.601."""
-    source = encode(tmp_path / "source.mkv", patches(), tags, form)
+    frames = [make_frame(patches(), tags, form) for _ in range(5)]
+    header = dict(zip(TAGS, tags, strict=True))
+    source = encode(tmp_path / "source.mkv", frames, pixels=form, options={"qp": "0"}, header=header)  # without loss
     assert_shows(source, patches(), 4)
     process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)

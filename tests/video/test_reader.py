@@ -1,8 +1,8 @@
-"""Reading: all frames, once and in order, of every container and format; unusable files are refused."""
+"""Reading: all frames, once and in order, of every format; damaged, dangerous and unusable files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import struct
 from fractions import Fraction
 
 import av
@@ -10,69 +10,50 @@ import numpy as np
 import pytest
 
 from lanes.errors import VideoError
-from lanes.images import as_stored, make_upright
-from lanes.video.reader import inspect_video, read_timed_frames, read_video
+from lanes.images import MAX_PIXELS, as_stored, make_upright
+from lanes.video import reader
+from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
 from lanes.video.writer import process_video
-from tests.video.sample_videos import (
-    NTSC,
-    SIZE,
-    add_tone,
-    encode,
-    make_video,
-    number_of,
-    numbered,
-    set_matrix,
-    set_rotation,
-    unchanged,
-)
+from tests.support.clips import add_tone, encode
+from tests.video.sample_videos import NTSC, SIZE, make_video, number_of, numbered, set_matrix, set_rotation, unchanged
 
 FRAMES = 6
 
 
-@dataclass(frozen=True)
-class Format:
-    """How to encode a video; `bars_px` is the height of the black bars above and below the image."""
-
-    suffix: str
-    codec: str
-    pixels: str = "yuv420p"
-    options: dict[str, str] = field(default_factory=dict)
-    fps: int = 30
-    size: tuple[int, int] = SIZE
-    bars_px: int = 0
-
-
+# Suffix of a file, and how to encode it.
 FORMATS = {
-    "HEVC 10 bit": Format("mp4", "libx265", "yuv420p10le", {"preset": "ultrafast", "x265-params": "log-level=none"}),
-    "VP9": Format("webm", "libvpx-vp9", options={"deadline": "realtime", "cpu-used": "8"}),
-    "AV1": Format("mp4", "libsvtav1", options={"preset": "12"}),
-    "MJPEG": Format("avi", "mjpeg", "yuvj420p"),
-    "interlaced": Format("mp4", "libx264", options={"x264-params": "tff=1"}),
-    "4:4:4": Format("mp4", "libx264", "yuv444p"),
-    "gray 16 bit": Format("mkv", "ffv1", "gray16le"),
-    "alpha": Format("mov", "png", "rgba"),
-    "240 fps": Format("mp4", "libx264", fps=240),
-    "portrait": Format("mp4", "libx264", size=(160, 284)),
-    "letterbox": Format("mp4", "libx264", bars_px=16),
+    "HEVC 10 bit": ("mp4", "libx265", "yuv420p10le", {"preset": "ultrafast", "x265-params": "log-level=none"}),
+    "VP9": ("webm", "libvpx-vp9", "yuv420p", {"deadline": "realtime", "cpu-used": "8"}),
+    "AV1": ("mp4", "libsvtav1", "yuv420p", {"preset": "12"}),
+    "MJPEG": ("avi", "mjpeg", "yuvj420p", {}),
+    "interlaced": ("mp4", "libx264", "yuv420p", {"x264-params": "tff=1"}),
+    "4:4:4": ("mp4", "libx264", "yuv444p", {}),
+    "gray 16 bit": ("mkv", "ffv1", "gray16le", {}),
+    "alpha": ("mov", "png", "rgba", {}),
+    "240 fps": ("mp4", "libx264", "yuv420p", {}),
+    "portrait": ("mp4", "libx264", "yuv420p", {}),
+    "letterbox": ("mp4", "libx264", "yuv420p", {}),
 }
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_formats_of_phones_and_dashcams(tmp_path, name):
     """Every frame once and in order, at the rate and in the size of the source."""
-    made, path = FORMATS[name], tmp_path / f"drive.{FORMATS[name].suffix}"
-    if made.codec not in av.codecs_available:
-        pytest.skip(f"this build of PyAV has no encoder {made.codec}")
-    bars = ((made.bars_px, made.bars_px), (0, 0), (0, 0))
-    images = [np.pad(numbered(number, made.size), bars) for number in range(FRAMES)]
-    encode(path, images, made.codec, made.pixels, fps=made.fps, options=made.options)
+    suffix, codec, pixels, options = FORMATS[name]
+    if codec not in av.codecs_available:
+        pytest.skip(f"this build of PyAV has no encoder {codec}")
+    fps = 240 if "fps" in name else 30
+    bars_px = 16 if name == "letterbox" else 0  # above and below the image
+    size = (160, 284) if name == "portrait" else SIZE
+    images = [np.pad(numbered(number, size), ((bars_px, bars_px), (0, 0), (0, 0))) for number in range(FRAMES)]
+    path = encode(tmp_path / f"drive.{suffix}", images, codec, pixels, fps=fps, options=options)
     process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     for file in (path, tmp_path / "out.mp4"):
         info, frames = inspect_video(file), list(read_video(file))
-        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, made.fps)
+        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, fps)
         assert (frames[0].shape, frames[0].dtype) == (images[0].shape, np.uint8)
-        assert [number_of(frame[: len(frame) - made.bars_px]) for frame in frames] == list(range(FRAMES))
-        assert made.bars_px == 0 or frames[3][: made.bars_px - 2].max() < 30
+        assert [number_of(frame[: len(frame) - bars_px]) for frame in frames] == list(range(FRAMES))
+        assert bars_px == 0 or frames[3][: bars_px - 2].max() < 30
         assert "gray" not in name or np.ptp(frames[0].astype(int), axis=2).max() <= 2
 
 
@@ -85,7 +66,7 @@ def test_videos_without_frames_and_sound_without_video(tmp_path, suffix, hollow)
             stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
             container.start_encoding()
         else:
-            add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.2)
+            add_tone(container, container.add_stream("aac", rate=48000, layout="mono"), 0.0, 0.2)
     sentence = r"hollow\..*holds no frame" if hollow else "holds no frame of a video .its streams: audio"
     with pytest.raises(VideoError, match=sentence):
         inspect_video(path)
@@ -125,11 +106,11 @@ def test_a_display_matrix_turns_and_mirrors_as_players_do(tmp_path, orientation)
 
 @pytest.mark.parametrize(
     ("aspect", "degrees", "size"),
-    [((16, 11), None, (233, 96)), ((8, 9), None, (160, 108)), ((4, 3), 90, (96, 213))],
+    [((16, 11), None, (233, 96)), ((8, 9), None, (160, 108)), ((4, 3), 90, (96, 213)), ((9, 1), None, SIZE)],
 )
 def test_pixels_are_square(tmp_path, aspect, degrees, size):
-    """Anamorphic video of DV and HDV cameras: a square in the world is a square in the image, also in the output."""
-    path = make_video(tmp_path / "a.mp4", 5, aspect=Fraction(*aspect))
+    """Anamorphic video of DV and HDV cameras: a square in the world is one in the image. 9:1 is nonsense."""
+    path = make_video(tmp_path / "a.mp4", 5, header={"sample_aspect_ratio": Fraction(*aspect)})
     if degrees:
         set_rotation(path, tmp_path / "b.mp4", degrees)
         path = tmp_path / "b.mp4"
@@ -185,3 +166,106 @@ def test_a_cut_without_encoding_lacks_nothing(video, tmp_path, shift):
     first, info = 5 if shift == "earlier" else 0, inspect_video(path)
     assert (info.frames, info.missing) == (50 - first, 0)
     assert [number_of(frame) for frame in read_video(path)] == list(range(first, 50))
+
+
+# Playlists, huge sizes, cut off files, changing sizes.
+
+PLAYLISTS = {
+    "dash": '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
+    "sdp": "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
+    "concat": "ffconcat version 1.0\nfile drive.mp4\n",
+    "hls": "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\ndrive.mp4\n#EXT-X-ENDLIST\n",
+}
+
+
+@pytest.mark.parametrize("kind", PLAYLISTS)
+def test_playlists_are_refused(video, tmp_path, kind):
+    """Also if the video that they name is beside them."""
+    (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
+    path = tmp_path / "list.mp4"
+    path.write_text(PLAYLISTS[kind])
+    with pytest.raises(VideoError, match=r"list\.mp4: cannot be read as a video .*playlist"):
+        open_video(path)
+
+
+def test_a_huge_size_inside_a_video_is_damage(tmp_path):
+    """In the headers of all but the first four JPEG images."""
+    path = encode(tmp_path / "bomb.avi", map(numbered, range(10)), "mjpeg", "yuvj420p")
+    data, at = bytearray(path.read_bytes()), 0
+    for number in range(10):
+        at = data.index(b"\xff\xc0", at + 1)
+        if number >= 4:
+            struct.pack_into(">HH", data, at + 5, 65500, 65500)
+    path.write_bytes(data)
+    assert [frame.number for frame in read_timed_frames(path)] == [0, 1, 2, 3]
+    assert inspect_video(path).frames == 10
+
+
+def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
+    monkeypatch.setattr(reader, "MAX_PIXELS", 160 * 96 - 1)
+    with pytest.raises(VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"):
+        inspect_video(video)
+    assert 7680 * 4320 < MAX_PIXELS <= 128_000_000  # as docs/robustness.md says
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
+def test_damaged_frames_are_counted_by_time_stamps(tmp_path, suffix):
+    """The remaining frames keep their numbers and times, whether packets are damaged or missing."""
+    path = make_video(tmp_path / f"drive.{suffix}", 100, size=(320, 192))
+    data = bytearray(path.read_bytes())
+    noise = np.random.default_rng(1)
+    # Matroska finds no way back in after the second time.
+    for share in (0.4,) if suffix == "mkv" else (0.3, 0.45, 0.55, 0.7):
+        at = int(share * len(data))
+        data[at : at + 1500] = noise.integers(0, 256, 1500, np.uint8).tobytes()
+    path.write_bytes(data)
+    info = inspect_video(path)
+    frames = list(read_timed_frames(path))
+    assert 30 <= len(frames) <= 96
+    assert info.frames + info.missing == 100
+    assert [frame.number for frame in frames] == sorted({frame.number for frame in frames})
+    np.testing.assert_allclose([f.time_s for f in frames], [f.number / 25 for f in frames], atol=1e-3)
+    assert info.duration_s == pytest.approx(4, abs=0.05)
+    assert number_of(frames[5].image) == 5
+
+
+@pytest.mark.parametrize("suffix", ["mkv", "avi", "mp4"])
+def test_cut_off_files_are_read_up_to_there(tmp_path, suffix):
+    """Only these store their length, so that the missing frames are counted; of an mp4 the index must come first."""
+    path = make_video(tmp_path / f"drive.{suffix}", 250)
+    if suffix == "mp4":
+        with pytest.raises(VideoError, match=r"half\.mp4: .*(cut off|no frame)"):
+            inspect_video(cut(path, 0.5, tmp_path / "half.mp4"))
+        process_video(path, tmp_path / "fast.mp4", unchanged, progress=False)
+        path = tmp_path / "fast.mp4"
+    half = cut(path, 0.6, tmp_path / f"cut.{suffix}")
+    info, numbers = inspect_video(half), [number_of(image) for image in read_video(half)]
+    # The packet at the cut, and those that refer to it, may be incomplete.
+    assert info.frames - 4 <= len(numbers) <= info.frames and numbers == list(range(len(numbers)))
+    assert info.frames + info.missing == 250 and 0.3 < len(numbers) / 250 < 0.72
+    assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
+    assert process_video(half, tmp_path / "out.mp4", unchanged, progress=False).missing == 250 - len(numbers)
+
+
+def cut(path, share: float, target):
+    data = path.read_bytes()
+    target.write_bytes(data[: int(share * len(data))])
+    return target
+
+
+def test_a_change_of_size_is_reported_with_its_time(tmp_path):
+    parts = [make_video(tmp_path / f"{n}.ts", 25, size=size) for n, size in enumerate([(160, 96), (320, 192)])]
+    path = tmp_path / "both.ts"
+    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    seen = []
+    with pytest.raises(VideoError, match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there"):
+        process_video(path, tmp_path / "out.mp4", lambda f: seen.append(number_of(f)) or f, progress=False)
+    assert seen == list(range(25))
+
+
+@pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
+def test_impossible_frame_rates_are_refused(tmp_path, fps):
+    path = tmp_path / "odd.mp4"
+    make_video(path, 3, fps=fps)
+    with pytest.raises(VideoError, match=r"odd\.mp4: states an implausible .* frames per second"):
+        inspect_video(path)

@@ -5,8 +5,9 @@ The table and the video that are written must have each frame at its own time, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 
 import av
@@ -16,8 +17,8 @@ import pytest
 from lanes.files import read_telemetry
 from lanes.video.reader import describe_jumps, inspect_video, read_timed_frames
 from lanes.video.writer import VideoWriter, process_video
-from tests.support.avi_file import encode_chunks, uncoded_frame, write_avi
-from tests.video.sample_videos import SIZE, number_of, numbered, tone_starts_s, unchanged
+from tests.support.clips import encode
+from tests.video.sample_videos import make_video, number_of, numbered, sound_packets, tone_starts_s, unchanged
 
 
 @pytest.fixture
@@ -38,13 +39,40 @@ def process(tmp_path):
 DROPPED = {*range(40, 46), *range(70, 78)}
 KEPT = [number for number in range(120) if number not in DROPPED]
 TONE_FRAME = 100
+# How to encode, and how many frames the decoder gives a frame behind its place.
 CODECS = {
-    "MJPEG": ("mjpeg", "yuvj420p", "MJPG", {}),
-    "MPEG-4": ("mpeg4", "yuv420p", "FMP4", {"g": "12"}),
-    "XviD with B frames": ("mpeg4", "yuv420p", "XVID", {"g": "12", "bf": "2"}),
-    "H.264 with B frames": ("libx264", "yuv420p", "H264", {"g": "12", "bf": "3"}),
+    "MJPEG": ({"codec": "mjpeg", "pixels": "yuvj420p"}, 0),
+    "MPEG-4": ({"codec": "mpeg4", "header": {"codec_tag": "FMP4"}, "options": {"g": "12"}}, 0),
+    "XviD with B frames": ({"codec": "mpeg4", "header": {"codec_tag": "XVID"}, "options": {"g": "12", "bf": "2"}}, 1),
+    "H.264 with B frames": ({"codec": "libx264", "options": {"g": "12", "bf": "3"}}, 2),
 }
-FILLERS = {"empty": b"", "one byte": b"\x7f", "a JPEG without image": b"\xff\xd8\xff\xd9"}
+
+
+def uncoded_frame(place: int) -> bytes:
+    """A picture of MPEG-4 part 2 that repeats the one before (ISO 14496-2: vop_coded is 0), at 25 ticks a second."""
+    bits = f"0101{place % 25:05b}100" + "1111"
+    return b"\0\0\1\xb6" + int(bits, 2).to_bytes(2, "big")
+
+
+# What a recorder writes in the place of a frame that it drops.
+FILLERS: dict[str, Callable[[int], bytes]] = {
+    "empty": lambda _: b"",
+    "one byte": lambda _: b"\x7f",
+    "a JPEG without image": lambda _: b"\xff\xd8\xff\xd9",
+    "not coded": uncoded_frame,
+}
+
+
+def fill_gaps(packets: list[av.Packet], filler: Callable[[int], bytes]) -> list[av.Packet]:
+    """Packets for all places in the order of decoding; FFmpeg writes an empty chunk for a place without one."""
+    placed = {packet.dts - packets[0].dts: packet for packet in packets}
+    for place in range(max(placed)):
+        if place not in placed and filler(place):
+            placed[place] = av.Packet(filler(place))
+            placed[place].stream, placed[place].time_base = packets[0].stream, packets[0].time_base
+    for place, packet in placed.items():
+        packet.pts = packet.dts = place
+    return [placed[place] for place in sorted(placed)]
 
 
 @pytest.mark.parametrize(
@@ -54,16 +82,10 @@ FILLERS = {"empty": b"", "one byte": b"\x7f", "a JPEG without image": b"\xff\xd8
 )
 def test_frames_of_avi_keep_their_times_beside_dropped_ones(tmp_path, process, codec, filler):
     """A recorder that drops a frame writes an empty chunk, or one that completes no frame."""
-    name, pixels, fourcc, options = CODECS[codec]
-    chunks, delay = encode_chunks({number: numbered(number) for number in KEPT}, name, pixels, **options)
-    fill = uncoded_frame if filler == "not coded" else lambda _: FILLERS[filler]
-    video = write_avi(
-        tmp_path / "drive.avi",
-        [chunks[place] if place in chunks else fill(place) for place in range(max(chunks) + 1)],
-        fourcc,
-        SIZE,
-        tone_from=TONE_FRAME + delay,
-    )
+    (settings, delay), images = CODECS[codec], map(numbered, KEPT)
+    sound = {"sound": "pcm_s16le", "tone_s": (TONE_FRAME + delay) / 25}
+    edit = partial(fill_gaps, filler=FILLERS[filler])
+    video = encode(tmp_path / "drive.avi", images, numbers=KEPT, edit=edit, **sound, **settings)
     frames = list(read_timed_frames(video))
     assert [number_of(frame.image) for frame in frames] == [frame.number for frame in frames] == KEPT
     for start_s in (0.0, 2.0, 3.36):
@@ -75,32 +97,6 @@ def test_frames_of_avi_keep_their_times_beside_dropped_ones(tmp_path, process, c
 
 
 # --- sound that begins before or after the picture
-
-
-def write_with_sound(path: Path, codecs: tuple[str, str], picture_s: float, sound_s: float, frames: int = 75) -> Path:
-    """Numbered frames from `picture_s` on, sound from `sound_s` on, on one clock; a tone two seconds after frame 0."""
-    codec, sound = codecs
-    with av.open(str(path), "w") as container:
-        video = container.add_stream(codec, rate=25, options={"bf": "2", "g": "12"} if codec == "libx264" else {})
-        video.width, video.height = SIZE
-        video.pix_fmt = "yuvj420p" if codec == "mjpeg" else "yuv420p"
-        audio = container.add_stream(sound, rate=48000, layout="mono")
-        moments = [(picture_s + number / 25, number, None) for number in range(frames)]
-        moments += [(sound_s + k / 50, None, k) for k in range(round(50 * (picture_s + frames / 25 - sound_s)))]
-        for time_s, number, _ in sorted(moments, key=lambda moment: moment[0]):
-            if number is not None:
-                frame = av.VideoFrame.from_ndarray(numbered(number)).reformat(format=video.pix_fmt)
-                frame.pts, frame.time_base = round(25 * time_s), Fraction(1, 25)
-                container.mux(video.encode(frame))
-                continue
-            at_s = time_s + np.arange(960) / 48000
-            wave = 0.5 * np.sin(2 * np.pi * 440 * at_s) * (at_s > picture_s + 2 - 1e-6)
-            piece = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
-            piece.sample_rate, piece.pts, piece.time_base = 48000, round(48000 * time_s), Fraction(1, 48000)
-            container.mux(audio.encode(piece))
-        container.mux(video.encode(None))
-        container.mux(audio.encode(None))
-    return path
 
 
 @pytest.mark.parametrize(
@@ -116,7 +112,14 @@ def write_with_sound(path: Path, codecs: tuple[str, str], picture_s: float, soun
     ],
 )
 def test_sound_is_in_step_whenever_it_starts(tmp_path, process, suffix, codecs, picture_s, sound_s):
-    video = write_with_sound(tmp_path / f"drive.{suffix}", codecs, picture_s, sound_s)
+    """The picture and the sound begin at these times of one clock; the tone is two seconds after the first frame."""
+    codec, sound = codecs
+    pixels = "yuvj420p" if codec == "mjpeg" else "yuv420p"
+    options = {"bf": "2", "g": "12"} if codec == "libx264" else {}
+    numbers = [round(25 * picture_s) + number for number in range(75)]
+    times = {"numbers": numbers, "sound_s": sound_s, "tone_s": picture_s + 2 - 1e-6}
+    video = tmp_path / f"drive.{suffix}"
+    encode(video, map(numbered, range(75)), codec, pixels, options=options, sound=sound, **times)
     for start_s in (0.0, 1.2):
         numbers, times_s, _, out = process(video, start_s)
         assert numbers == list(range(round(25 * start_s), 75))
@@ -129,17 +132,14 @@ def test_sound_is_in_step_whenever_it_starts(tmp_path, process, suffix, codecs, 
 
 def write_stamped(path: Path, times_s: Sequence[float], *, decoded_s: Sequence[float] | None = None) -> Path:
     """Numbered frames with these presentation times; `decoded_s` are the times of decoding, by default the same."""
-    with av.open(str(path), "w") as container:
-        stream = container.add_stream("libx264", rate=25, options={"preset": "ultrafast", "g": "12"})
-        stream.width, stream.height = SIZE
-        stream.pix_fmt = "yuv420p"
-        frames = [av.VideoFrame.from_ndarray(numbered(n)).reformat(format="yuv420p") for n in range(len(times_s))]
-        packets = [packet for frame in [*frames, None] for packet in stream.encode(frame)]
+
+    def stamp(packets: list[av.Packet]) -> list[av.Packet]:
         for packet, time_s, at_s in zip(packets, times_s, decoded_s or times_s, strict=True):
             packet.time_base, packet.pts, packet.dts = Fraction(1, 90_000), round(90_000 * time_s), round(90_000 * at_s)
-            packet.stream = stream
-            container.mux(packet)
-    return path
+        return packets
+
+    options = {"preset": "ultrafast", "g": "12"}
+    return encode(path, map(numbered, range(len(times_s))), options=options, edit=stamp)
 
 
 EVEN_S = [number / 25 for number in range(100)]
@@ -175,8 +175,9 @@ def test_single_wrong_times_are_repaired(tmp_path, process, suffix, wrong, by_s)
 def test_a_clock_that_is_set_to_the_time_of_day_goes_on(tmp_path, process, set_at):
     """NTP counts from 1900: a gap of that length cannot be written."""
     times_s = [time_s + (3.9e9 if number >= set_at else 0) for number, time_s in enumerate(EVEN_S)]
-    numbers, found_s, missing, _ = process(write_stamped(tmp_path / "drive.mkv", times_s))
-    assert (numbers, missing) == (list(range(100)), 0)
+    video = write_stamped(tmp_path / "drive.mkv", times_s)
+    numbers, found_s, missing, _ = process(video)
+    assert (numbers, missing, inspect_video(video).duration_s) == (list(range(100)), 0, 4)
     np.testing.assert_allclose(found_s, EVEN_S, atol=2e-3)
 
 
@@ -192,3 +193,48 @@ def test_a_part_of_a_variable_rate_has_the_true_frame_numbers(tmp_path, process)
         np.testing.assert_allclose(found_s, times_s[numbers], atol=1e-3)
         frames = read_timed_frames(tmp_path / "drive.mp4", start_s=start_s)
         assert [number_of(frame.image) for frame in frames] == numbers
+
+
+def test_part_with_synchronous_sound(tmp_path):
+    path = make_video(tmp_path / "drive.mp4", 100, sound="aac")
+    assert tone_starts_s(path) == pytest.approx(2.0, abs=0.05)
+    target = tmp_path / "out.mp4"
+    info = process_video(path, target, unchanged, start_s=1.2, end_s=3.2, progress=False)
+    assert (info.frames, info.duration_s) == (50, 2.0)
+    # copied: encoding again would change the bytes
+    before, after = ({data for _, data in sound_packets(file)} for file in (path, target))
+    assert after <= before and len(after) > 50
+    assert tone_starts_s(target) == pytest.approx(0.8, abs=0.05)
+    with av.open(str(target)) as container:
+        sound = container.streams.audio[0]
+        assert float(sound.duration * sound.time_base) == pytest.approx(2.0, abs=0.05)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "codec", "audio"),
+    [
+        ("ts", "aac", {}),
+        # A tick of this avi is a whole frame of MP3, longer than one of AAC.
+        ("avi", "libmp3lame", {"layout": "stereo", "rate": 44100}),
+        # AAC has no such sampling rate.
+        ("mov", "pcm_s16le", {"rate": 192_000}),
+    ],
+)
+def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
+    path = make_video(tmp_path / f"drive.{suffix}", 40, sound=codec, **audio)
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert info.has_audio
+    assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(40 / 25 / 2, abs=0.03)
+
+
+@pytest.mark.parametrize(("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)])
+def test_appended_recording(tmp_path, codec, layout, end_s):
+    """The time stamps begin again. Sound with another number of channels is left out, its frames are not."""
+    path = make_video(tmp_path / "drive.ts", 40, sound=codec)
+    other = make_video(tmp_path / "other.ts", 30, sound=codec, layout=layout)
+    path.write_bytes(path.read_bytes() + other.read_bytes())
+    info = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+    assert (info.frames, info.has_audio) == (70, True)
+    times_s = [frame.time_s for frame in read_timed_frames(path)]
+    assert times_s == pytest.approx(np.arange(70) / 25, abs=0.1) and (np.diff(times_s) > 0).all()
+    assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.report import describe_shares, line_types, seconds_lost, share_tracked, write_report
+from lanes.report import describe_shares, seconds_lost, share_tracked, write_report
 
 
 def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
@@ -19,7 +19,7 @@ def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:
     state[:3], state[80:90], state[90:120] = "searching", "coasting", "lost"
     lost = state == "lost"
     confidence = np.where(lost, 0.0, 0.9)
-    confidence[50], confidence[55], confidence[150] = 0.5, 0.55, 0.6
+    confidence[50], confidence[75], confidence[150] = 0.5, 0.55, 0.6
     offset = np.where(lost, np.nan, 0.3 * np.sin(np.arange(frames) / 20))
     offset_std = np.where(lost, np.nan, 0.02)
     offset_std[160] = 0.2
@@ -52,19 +52,11 @@ def test_shares_count_time_not_frames():
     # Frames dropped while lost: the gap counts.
     kept = np.r_[0:95, 118:200]
     assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
-
-
-def test_shares_of_the_confidence_add_up():
-    """A confidence of less than 0.15 is no lane, as in the overlay."""
-    telemetry = story()
+    # A confidence of less than 0.15 is no lane, as in the overlay.
     telemetry["confidence"][:40] = np.repeat([0.3, 0.1], 20)
     assert describe_shares(telemetry) == (
         "confidence 0.9 or more in 64%, 0.5 to 0.9 in 2%, below 0.5 in 10%, no lane in 25% of them"
     )
-
-
-def test_telemetry_of_other_programs_has_no_types_of_lines():
-    assert set(line_types({"time_s": story()["time_s"]}, "left")) == {"unknown"}
 
 
 # --- the page
@@ -77,10 +69,14 @@ def report(folder: Path, telemetry: dict[str, np.ndarray], **options: object) ->
     return write_report(folder / "d.html", telemetry=telemetry, **options).read_text()
 
 
+def data_of(page: str) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*)</script>', page)[1])
+
+
 def test_the_data_of_the_page_are_those_of_the_table(tmp_path):
     """Its times count from the first frame, those of the command on the clock of the video."""
     page = report(tmp_path, story(), command="explain --at ", warnings=["tilted"])
-    data = json.loads(re.search(r'<script type="application/json" id="data">(.*)</script>', page)[1])
+    data = data_of(page)
     assert (data["first_s"], data["time_s"][:2], data["command"]) == (100.0, [0.0, 0.05], "explain --at ")
     assert data["frame"][0] == 2000 and data["offset_m"][90] is None and data["offset_m"][31] > 0.29
     assert data["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
@@ -105,8 +101,12 @@ def test_names_and_settings_are_escaped(tmp_path):
 
 
 def test_report_of_a_drive_without_a_lane(tmp_path):
+    """Telemetry of other programs has no types of lines."""
     known = ("frame", "time_s", "state", "confidence")
     telemetry = {name: column if name in known else np.full(200, np.nan) for name, column in story().items()}
+    telemetry = {name: column for name, column in telemetry.items() if not name.startswith("left_")}
     telemetry["state"][:] = "lost"
     page = report(tmp_path, telemetry)
     assert "lost for 10.0 s in total." in page and "nan" not in page.lower()
+    data = data_of(page)
+    assert data["left_types"] == data["right_types"] == [[0, "unknown"]]
