@@ -95,6 +95,12 @@ def test_the_field_of_view_is_the_one_asked_for(hfov_deg, lens):
     assert right - left == pytest.approx(hfov_deg)
 
 
+@pytest.mark.parametrize("hfov_deg", [9.0, 151.0])
+def test_a_field_of_view_that_no_dashcam_has_is_refused(hfov_deg):
+    with pytest.raises(CameraError, match=f"{hfov_deg:g} degrees is not plausible for a dashcam; give 10 to 150"):
+        Camera.from_fov((1920, 1080), hfov_deg)
+
+
 @pytest.mark.parametrize(
     "distortion",
     [

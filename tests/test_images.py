@@ -47,6 +47,14 @@ def test_round_trip(tmp_path, picture, suffix):
     assert sizes[0] < 0.8 * sizes[1] if lossy else np.array_equal(read_image(path), noise)
 
 
+@pytest.mark.parametrize("suffix", ["jpg", "tif"])
+def test_a_photo_is_turned_once_as_its_exif_says(tmp_path, picture, suffix):
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    Image.fromarray(picture).save(tmp_path / f"a.{suffix}", exif=exif, quality=100, subsampling=0)
+    np.testing.assert_allclose(read_image(tmp_path / f"a.{suffix}"), np.rot90(picture, -1), atol=8)
+
+
 def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
     """Red is red; gray becomes three equal channels; alpha is dropped."""
     path = tmp_path / "a.png"

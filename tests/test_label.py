@@ -209,6 +209,7 @@ def test_only_the_token_on_this_host_opens_anything(session):
     for host in ("rebound.example", f"rebound.example:{session.port}", f"localhost:{session.port}", ""):
         assert session.ask("still/0", Host=host)[0] in (400, 404)
     assert session.ask("still/0", Host=f"127.0.0.1:{session.port}")[0] == 200
+    assert session.ask("still/99")[:2] == (404, b"There is no such still.")
 
 
 @pytest.mark.parametrize(

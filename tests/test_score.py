@@ -186,6 +186,12 @@ def test_accuracy_of_an_ego_line(name):
     assert values["ego accuracy"][0] == pytest.approx(accuracy, nan_ok=True)
 
 
+def test_two_points_of_a_label_have_a_direction():
+    """The official tolerance of a line of 3-4-5 triangles is 25 px."""
+    label, within, beyond = (LaneColumns("a.jpg", ROWS[:2], slanted(0.75)[None, :2] + px) for px in (0, 24.99, 25.01))
+    assert score_still(label, within).values["TuSimple"] == 1 and score_still(label, beyond).values["TuSimple"] == 0
+
+
 def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_where_none_is():
     label = lane(upright(), upright(900))
     for missing, right in ((3, True), (4, False)):  # of 20
