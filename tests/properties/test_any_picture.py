@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT, ROAD_M
-from lanes.detect.lane import FOUND, Lane, LineEvidence, telemetry_row
+from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import WIDTH
 from lanes.detect.search import detect_still, detect_with_own_pose, find_lane
 from lanes.errors import CameraError
@@ -20,6 +20,7 @@ from lanes.labels import as_detection
 from lanes.tracking.tracker import LaneTracker
 from tests.support.any_pictures import SIZES, camera_of, pictures
 from tests.support.examples import examples
+from tests.support.shapes import SEEN
 
 FPS = 20.0
 view_of = cache(lambda size: BirdsEyeView(camera_of(size)))
@@ -92,5 +93,4 @@ def test_every_lane_within_the_limits_has_lines(data):
     share = data.draw(st.lists(st.floats(-1, 1), min_size=len(FIT.prior.limit), max_size=len(FIT.prior.limit)))
     model, covariance = FIT.prior.limit * share, np.diag(np.square(FIT.prior.limit))
     model[WIDTH] = abs(model[WIDTH])
-    seen = LineEvidence(0.3, True, 30.0)
-    assert_sound(Lane(model, model, covariance, (seen, seen), score=1.0, state=FOUND), (640, 360))
+    assert_sound(Lane(model, model, covariance, (SEEN, SEEN), score=1.0), (640, 360))
