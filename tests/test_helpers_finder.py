@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from helpers import RECIPES, LaneFinder, RoadLine, get_recipe
+from helpers import RECIPES, LaneFinder, Levels, RoadLine, Thresholds, get_recipe
 from lanes.errors import CameraError, PictureError
 from lanes.images import read_image
 from tests.support.classic_lane import lane_result
@@ -121,12 +121,17 @@ def test_recipe_c_chooses_a_channel_for_each_line_and_no_noise():
 
 @every_recipe
 def test_stills_do_not_influence_each_other_nor_a_drive(name):
+    """Each has its own thresholds; here those of stills let nothing through in a drive, and the other way around."""
     fresh = summary(finder(name).find(picture(LEFT_BEND)))
     shared, once = finder(name), finder(name)
     for follow in (shared, once):
         follow.follow(picture(STRAIGHT))
     assert summary(shared.find(picture(LEFT_BEND))) == fresh
     assert summary(shared.follow(picture(DASHED))) == summary(once.follow(picture(DASHED)))
+    blind = Thresholds({"red": ((Levels("RGB R", 256, 256),),)}, combined=("red",), candidates=("red",))
+    for of, states in (("thresholds", ["lost", "found"]), ("video_thresholds", ["found", "lost"])):
+        half_blind = LaneFinder(replace(get_recipe(name), **{of: blind}), CAMERA)
+        assert [half_blind.find(picture(STRAIGHT)).state, half_blind.follow(picture(STRAIGHT)).state] == states
 
 
 @every_recipe

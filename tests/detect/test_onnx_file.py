@@ -99,7 +99,8 @@ HIGH = {"lines": (np.zeros((2, 3, 1, 99), np.float32), np.zeros(2, np.float32))}
 @pytest.mark.parametrize(
     ("how", "entries", "words"),
     [
-        ({"outputs": HIGH}, LOGITS, r"its output of shape \(1, 2, 458, 640\) is no mask of its input, 640x360 pixels; exp"),
+        ({"outputs": HIGH}, LOGITS,
+         r"its output of shape \(1, 2, 458, 640\) is no mask of its input, 640x360 pixels; exp"),
         ({"outputs": OF_PIXELS, "pixels": True}, LOGITS | {"scale": 0.01},
          "its input is uint8, the pixels as they are; omit mean and scale"),
         ({"size": (640, 360)}, LOGITS | {"input_size": [360, 640]},

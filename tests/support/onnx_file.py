@@ -33,9 +33,9 @@ def write_model(
     """Write a network with an output for each of `outputs`: weights (channels, 3, k, k) and bias (channels,).
 
     `entries` are those of the YAML file, or its text; it is not written if they are None. `size` (width, height) is
-    that of the input; any size without it. With `sigmoid` the outputs are its values. Channels are the last axis of what `last`
-    names: "input", "output" or both. With `pixels` the input is uint8, which the weights must allow for. With
-    `weights_in` the weights are in a second file of this name, as ONNX's external data.
+    that of the input; any size without it. With `sigmoid` the outputs are its values. Channels are the last axis of
+    what `last` names: "input", "output" or both. With `pixels` the input is uint8, which the weights must allow for.
+    With `weights_in` the weights are in a second file of this name, as ONNX's external data.
     """
     nodes, tensors, results, image, blob = [], [], [], "image", b""
     if pixels:

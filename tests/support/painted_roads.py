@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
 
 import cv2
 import numpy as np
@@ -189,37 +188,15 @@ class LaneRoad(Arc):
 
 
 def paint_lane(lane: LaneRoad, camera: Camera = RECIPE_CAMERA) -> np.ndarray:
-    """Picture (height, width, 3) uint8 of one lane, 3.7 m wide.
-
-    Everything is a polygon with a soft edge, which makes distant lines about a pixel wider than those of `Road`. Recipe
-    C chooses its channel by the number of bright pixels and finds other lines in pictures of thinner ones.
-    """
-    image = np.full((camera.height, camera.width, 3), SKY, np.uint8)
-    _fill(image, camera, np.array([[2.5, -14], [2.5, 14], [400, 200], [400, -200]]), SUNLIT_ASPHALT)
-    dashes = [(start, start + DASH_M[0]) for start in np.arange(4.0, 120.0, DASH_M[1])]
-    for colour, side, dashed in ((lane.left, 1, False), (lane.right, -1, lane.right_dashed)):
+    """Picture (height, width, 3) uint8 of one lane, 3.7 m wide, with lines of 0.15 m."""
+    road = Road(camera, arc=lane, asphalt=SUNLIT_ASPHALT).surround(SKY)
+    for colour, side, dash_m in ((lane.left, 0.5, None), (lane.right, -0.5, DASH_M if lane.right_dashed else None)):
         if colour:
-            for start, end in dashes if dashed else [(3.0, 120.0)]:
-                x = np.linspace(start, end, max(int((end - start) * 4), 2))
-                edges = [lane.lateral_m(side * LANE_WIDTH_M / 2 + half * 0.15, x) for half in (0.5, -0.5)]
-                left, right = (np.column_stack([x, y]) for y in edges)
-                _fill(image, camera, np.vstack([left, right[::-1]]), colour)
+            road.lines(side * LANE_WIDTH_M, colour=colour, width_m=0.15, dash_m=dash_m, phase_m=4.0)
     if lane.shadow_m:
-        light, (near, far) = np.full(image.shape[:2], 255, np.uint8), lane.shadow_m
-        _fill(light, camera, np.array([[near, -14], [near + 1, 14], [far + 1, 14], [far, -14]]), 110)
-        image = (image * (cv2.GaussianBlur(light, (9, 9), 0)[..., None] / 255.0)).astype(np.uint8)
-    noise = np.random.default_rng(0).normal(0, 2.0, image.shape)
-    return np.clip(cv2.GaussianBlur(image, (0, 0), 0.8) + noise, 0, 255).astype(np.uint8)
-
-
-def _fill(image: np.ndarray, camera: Camera, corners_m: np.ndarray, colour: tuple | int) -> None:
-    """Fill a polygon (N, 2) on the road; its edges are divided finely enough to bend with the lens."""
-    closed = np.vstack([corners_m, corners_m[:1]])
-    fine = np.vstack([np.linspace(a, b, 20, endpoint=False) for a, b in pairwise(closed)])
-    pixels = camera.road_to_pixels(fine)
-    pixels = pixels[np.isfinite(pixels).all(axis=1) & (np.abs(pixels) < 20000).all(axis=1)]
-    if len(pixels) >= 3:
-        cv2.fillPoly(image, [np.round(pixels * 16).astype(np.int32)], colour, lineType=cv2.LINE_AA, shift=4)
+        near, far = lane.shadow_m
+        road.shade(lambda x, y: (x > near) & (x < far), 0.43)
+    return road.image()
 
 
 def paint_motorway(
@@ -260,19 +237,3 @@ def _paint_car(road: Road) -> None:
     """Paint a pale box on the lane to the right, 25 m ahead."""
     (left, bottom), (right, top) = road.camera.road_to_pixels(np.array([[25.0, -2.9, 0.0], [25.0, -4.7, 1.4]]))
     road.picture[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = (190, 190, 200)
-
-
-def paint_view(
-    size: tuple[int, int], rows_to_columns, *, thickness_px: int = 15, rows: tuple[int, int] | None = None
-) -> np.ndarray:
-    """Binary bird's-eye view (height, width) with a line through the columns that each function gives for a row."""
-    width, height = size
-    binary = np.zeros((height, width), np.uint8)
-    first, last = rows or (0, height)
-    y = np.arange(first, last)
-    for function in rows_to_columns:
-        x = np.round(function(y)).astype(int)
-        for shift in range(-(thickness_px // 2), thickness_px // 2 + 1):
-            inside = (x + shift >= 0) & (x + shift < width)
-            binary[y[inside], x[inside] + shift] = 255
-    return binary
