@@ -108,9 +108,8 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     still = detect_still(BENDS.frame(0), SMALL)
     monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
-    (begin,) = re.findall(
-        rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}", result.description
-    )
+    words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
+    (begin,) = re.findall(words, result.description)
     table = result.telemetry
     assert float(begin) == pytest.approx(table["time_s"][table["pose_pitch_rad"] == SMALL.pose.pitch_rad][0], abs=0.051)
 
@@ -268,10 +267,8 @@ def test_unusable_stills_do_not_stop_the_others(tmp_path):
     (folder / "d.png").touch()
     with pytest.raises(PictureError) as error:
         quietly(folder, tmp_path / "out", SMALL.with_pose(None))
-    assert re.fullmatch(
-        r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*",
-        str(error.value),
-    )
+    words = r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*"
+    assert re.fullmatch(words, str(error.value))
     assert names(tmp_path / "out") == {"b2.jpg", "b10.jpg", "pictures.csv"}
     assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["b2.jpg", "b10.jpg"]
     drawn = read_image(tmp_path / "out" / "b2.jpg")

@@ -138,7 +138,7 @@ def test_stills_do_not_influence_each_other_nor_a_drive(name):
 def test_half_size_pictures_measure_the_same_road(name):
     size = (640, 360)
     small = cv2.resize(picture(LEFT_BEND), size, interpolation=cv2.INTER_AREA)
-    result = LaneFinder(get_recipe(name, size), CAMERA.scaled(size)).find(small)
+    result = finder(name, CAMERA.scaled(size)).find(small)
     assert result.state == "found"
     assert result.curvature_per_m == pytest.approx(1 / 400, rel=0.12 if name != "equalized_hsv" else 0.25)
     assert result.offset_m == pytest.approx(0.3, abs=0.02 if name != "equalized_hsv" else 0.05)
@@ -204,9 +204,8 @@ def test_recipes_sizes_and_cameras_that_do_not_fit_are_named():
 @pytest.mark.skipif(not (REAL_DATA / "test_images").is_dir(), reason="needs the real stills in the folder LANES_DATA")
 def test_recipe_a_gives_its_published_numbers():
     """With a lens near the one that the real boards give. The published numbers have no signs."""
-    result = finder("hls_sobel", metres_per_px=PUBLISHED_SCALES).find(
-        read_image(REAL_DATA / "test_images" / "test5.jpg")
-    )
+    image = read_image(REAL_DATA / "test_images" / "test5.jpg")
+    result = finder("hls_sobel", metres_per_px=PUBLISHED_SCALES).find(image)
     # The road bends right and the car is right of the centre.
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(-724, rel=0.1)
     assert 1 / result.right_road.curvature_per_m() == pytest.approx(-1614, rel=0.1)

@@ -107,10 +107,9 @@ def test_after_a_lane_change_the_motion_is_still_seen(speed_mps, due_in_the_midd
 
 def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
     rows = {"offset_m": np.full(100, 0.7), "lane_width_m": np.full(100, 3.0), "confidence": np.full(100, 0.9)}
-    assert describe_crossings(rows, 1.8).startswith(
-        "the tyres would be on a line in 100 of 100 frames if the car is 1.8 m"
-    )
-    assert "--camera-offset or --car-width" in describe_crossings(rows, 1.8)
+    words = describe_crossings(rows, 1.8)
+    assert words.startswith("the tyres would be on a line in 100 of 100 frames if the car is 1.8 m")
+    assert "--camera-offset or --car-width" in words
     assert describe_crossings(rows, 1.5) is None
     assert describe_crossings({**rows, "confidence": np.full(100, 0.3)}, 1.8) is None
 

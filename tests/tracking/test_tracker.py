@@ -281,10 +281,8 @@ def test_a_wrong_yaw_of_the_pose_is_not_taken_for_a_car_that_hardly_moves():
     [
         *(({"fps": wrong}, r"fps must be a positive number; got .*\.$") for wrong in (0, np.nan, "25", True, 10**400)),
         *(({"speed_mps": wrong}, "speed_mps must be from 0 to 120") for wrong in (-1.0, 1e30)),
-        *(
-            ({"speed_mps": wrong}, rf"speed_mps must be a finite number; got {wrong!r}\.$")
-            for wrong in ("fast", np.inf)
-        ),
+        ({"speed_mps": "fast"}, r"speed_mps must be a finite number; got 'fast'\.$"),
+        ({"speed_mps": np.inf}, r"speed_mps must be a finite number; got inf\.$"),
     ],
 )
 def test_wrong_numbers_are_refused_and_those_of_any_kind_taken(options, words):
