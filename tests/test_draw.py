@@ -130,10 +130,8 @@ def test_colours_thickness_opacity_and_parts_are_those_asked_for():
     strong = draw_lane(image, lane, SMALL, parts=["area"], opacity=1.0, colours={"area": (1, 2, 3)})
     assert strong[v, u].tolist() == [1, 2, 3]
     assert not is_colour(plain, "left").any()
-    widths = [
-        is_colour(draw_lane(image, lane, SMALL, parts=["lines"], thickness=t)[v], "left").sum() for t in (1.0, 3.0)
-    ]
-    assert widths[1] > 2 * widths[0] > 0
+    thin, thick = (draw_lane(image, lane, SMALL, parts=["lines"], thickness=t)[v] for t in (1.0, 3.0))
+    assert is_colour(thick, "left").sum() > 2 * is_colour(thin, "left").sum() > 0
     np.testing.assert_array_equal(draw_lane(image, lane, SMALL, parts=[]), image)
 
 

@@ -67,9 +67,11 @@ def pitched(drive: PaintedDrive, down_deg: float) -> PaintedDrive:
 
 
 def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
-    (result,) = quietly(drive / "drive.mp4", tmp_path)
-    assert [path.name for path in result.outputs] == ["drive.mp4", "drive.csv", "drive.html"]
-    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html"}
+    """The results have what the files have, also those of stills."""
+    result, stills = quietly([drive / "drive.mp4", drive / "stills"], tmp_path)
+    of_video, of_stills = ["drive.mp4", "drive.csv", "drive.html"], {"b0.png", "b1.png", "pictures.csv"}
+    assert [path.name for path in result.outputs] == of_video
+    assert names(tmp_path) == {*of_video} | of_stills
     assert inspect_video(tmp_path / "drive.mp4").frames == 12
     found, truth = read_telemetry(tmp_path / "drive.csv"), read_telemetry(drive / "drive.csv")
     np.testing.assert_array_equal(found["frame"], truth["frame"])
@@ -85,10 +87,6 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
     assert (found["latency_ms"] > 1).all() and found["latency_ms"].max() < 10_000
     pose = SMALL.require_pose()
     assert found["pose_pitch_rad"][late] == pytest.approx(pose.pitch_rad), "the pose that was used"
-
-
-def test_the_result_has_what_the_files_have(drive, tmp_path):
-    result, stills = quietly([drive / "drive.mp4", drive / "stills"], tmp_path)
     for name, table in (("drive.csv", result.telemetry), ("pictures.csv", stills.telemetry)):
         read = read_telemetry(tmp_path / name)
         assert list(read) == list(table)
@@ -110,9 +108,8 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     still = detect_still(BENDS.frame(0), SMALL)
     monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
-    (begin,) = re.findall(
-        rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}", result.description
-    )
+    words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
+    (begin,) = re.findall(words, result.description)
     table = result.telemetry
     assert float(begin) == pytest.approx(table["time_s"][table["pose_pitch_rad"] == SMALL.pose.pitch_rad][0], abs=0.051)
 
@@ -270,10 +267,8 @@ def test_unusable_stills_do_not_stop_the_others(tmp_path):
     (folder / "d.png").touch()
     with pytest.raises(PictureError) as error:
         quietly(folder, tmp_path / "out", SMALL.with_pose(None))
-    assert re.fullmatch(
-        r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*",
-        str(error.value),
-    )
+    words = r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*"
+    assert re.fullmatch(words, str(error.value))
     assert names(tmp_path / "out") == {"b2.jpg", "b10.jpg", "pictures.csv"}
     assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["b2.jpg", "b10.jpg"]
     drawn = read_image(tmp_path / "out" / "b2.jpg")

@@ -67,9 +67,8 @@ class TestGoodImage:
     def test_the_weakest_evidence_is_named(self, good):
         """Also of a lane that is likely; here the dashes of the right line."""
         left, right = (min(line.support, 1) for line in good.lane.lines)
-        assert (
-            f"weakest    there is paint on {left:.0%} of the left and {right:.0%} of the right line." in good.describe()
-        )
+        words = f"weakest    there is paint on {left:.0%} of the left and {right:.0%} of the right line."
+        assert words in good.describe()
         lane = replace(good.lane, evidence=(good.lane.evidence[0], LineEvidence()))
         one = replace(good, detection=replace(good.detection, lane=lane))
         assert "weakest    the right line is not seen; its position follows from the other line" in one.describe()
@@ -136,11 +135,7 @@ FAILURES = {
         "lane",
         r"points [56]\.\d deg away from the car's direction",
     ),
-    "lines between": (
-        lambda: (tracks_image(), CAMERA),
-        "lane",
-        "other lines run between",
-    ),
+    "lines between": (lambda: (tracks_image(), CAMERA), "lane", "other lines run between"),
     "narrow": (lambda: (lane_road(width_m=2.6).image(), CAMERA), "lane", r"width of 2\.6 m is implausible"),
 }
 

@@ -16,7 +16,6 @@ from helpers import (
 from lanes.camera import Camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.errors import PictureError
-from tests.support.drawing import assert_draws_on_a_copy, gray_picture
 from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 
@@ -39,19 +38,22 @@ def result(image):
     return LaneFinder(get_recipe("hls_sobel"), CAMERA).find(image)
 
 
-gray = pytest.fixture(gray_picture)
+@pytest.fixture
+def gray():
+    """Read-only: a function that writes on its input raises, one that copies does not."""
+    image = np.full((96, 160, 3), 100, np.uint8)
+    image.flags.writeable = False
+    return image
 
 
 def test_the_filled_lane_ends_at_the_paint_of_the_raw_image(image, result):
     green = (annotate_image(image, result, CAMERA).astype(int) - image)[..., 1] > 10
-    for x in (6.0, 10.0, 15.0):
-        shifts_m = (LANE_WIDTH_M / 2, -LANE_WIDTH_M / 2)
-        lines_m = [np.array([[x, *ROAD.lateral_m(shift_m, np.array([x]))]]) for shift_m in shifts_m]
-        u_left, u_right = (CAMERA.road_to_pixels(point)[0] for point in lines_m)
-        columns = np.flatnonzero(green[round(float(u_left[1])), :])
-        half_paint_px = 0.1 / x * 1150
-        assert columns[0] == pytest.approx(u_left[0], abs=half_paint_px + 3)
-        assert columns[-1] == pytest.approx(u_right[0], abs=half_paint_px + 3)
+    x_m = np.array([6.0, 10.0, 15.0])
+    left_m, right_m = (ROAD.lateral_m(side * LANE_WIDTH_M / 2, x_m) for side in (1, -1))
+    left, right = (CAMERA.road_to_pixels(np.column_stack([x_m, y_m])) for y_m in (left_m, right_m))
+    for x, (u_left, v), (u_right, _) in zip(x_m, left, right, strict=True):
+        columns, half_paint_px = np.flatnonzero(green[round(v)]), 0.1 / x * 1150
+        assert columns[[0, -1]] == pytest.approx([u_left, u_right], abs=half_paint_px + 3)
 
 
 def test_the_words_are_those_of_the_result_and_nothing_is_drawn_of_a_lost_lane(result):
@@ -71,10 +73,23 @@ def test_following_gives_each_frame_its_image_and_numbers(image):
     assert row["state"] == "kept" and annotated[300:].any()
 
 
-def test_every_function_draws_on_a_copy():
-    assert_draws_on_a_copy(lambda picture: draw_lane_between(picture, LEFT, RIGHT))
-    assert_draws_on_a_copy(lambda picture: draw_windows(picture, [[10, 10, 30, 30]]))
-    assert_draws_on_a_copy(lambda picture: draw_pixels(picture, [[3, 4]], colour=LEFT_COLOUR))
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda picture: draw_lane_between(picture, LEFT, RIGHT),
+        lambda picture: draw_windows(picture, [[10, 10, 30, 30]]),
+        lambda picture: draw_pixels(picture, [[3, 4]], colour=LEFT_COLOUR),
+    ],
+    ids=["lane", "windows", "pixels"],
+)
+def test_every_function_draws_on_a_copy_and_refuses_floats(draw, gray):
+    for image in (gray, gray.copy()):
+        drawn = draw(image)
+        assert (image == 100).all() and not np.shares_memory(drawn, image)
+        assert (drawn.shape, drawn.dtype) == (image.shape, np.uint8)
+        assert drawn.flags.writeable and (drawn != image).any()
+    with pytest.raises(PictureError, match="float64"):
+        draw(gray / 255)
 
 
 def test_the_lines_go_through_the_lens_of_pictures_of_this_size():

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from helpers import RECIPES, LaneFinder, RoadLine, get_recipe
+from helpers import RECIPES, LaneFinder, Levels, RoadLine, Thresholds, get_recipe
 from lanes.errors import CameraError, PictureError
 from lanes.images import read_image
 from tests.support.classic_lane import lane_result
@@ -121,19 +121,24 @@ def test_recipe_c_chooses_a_channel_for_each_line_and_no_noise():
 
 @every_recipe
 def test_stills_do_not_influence_each_other_nor_a_drive(name):
+    """Each has its own thresholds; here those of stills let nothing through in a drive, and the other way around."""
     fresh = summary(finder(name).find(picture(LEFT_BEND)))
     shared, once = finder(name), finder(name)
     for follow in (shared, once):
         follow.follow(picture(STRAIGHT))
     assert summary(shared.find(picture(LEFT_BEND))) == fresh
     assert summary(shared.follow(picture(DASHED))) == summary(once.follow(picture(DASHED)))
+    blind = Thresholds({"red": ((Levels("RGB R", 256, 256),),)}, combined=("red",), candidates=("red",))
+    for of, states in (("thresholds", ["lost", "found"]), ("video_thresholds", ["found", "lost"])):
+        half_blind = LaneFinder(replace(get_recipe(name), **{of: blind}), CAMERA)
+        assert [half_blind.find(picture(STRAIGHT)).state, half_blind.follow(picture(STRAIGHT)).state] == states
 
 
 @every_recipe
 def test_half_size_pictures_measure_the_same_road(name):
     size = (640, 360)
     small = cv2.resize(picture(LEFT_BEND), size, interpolation=cv2.INTER_AREA)
-    result = LaneFinder(get_recipe(name, size), CAMERA.scaled(size)).find(small)
+    result = finder(name, CAMERA.scaled(size)).find(small)
     assert result.state == "found"
     assert result.curvature_per_m == pytest.approx(1 / 400, rel=0.12 if name != "equalized_hsv" else 0.25)
     assert result.offset_m == pytest.approx(0.3, abs=0.02 if name != "equalized_hsv" else 0.05)
@@ -199,9 +204,8 @@ def test_recipes_sizes_and_cameras_that_do_not_fit_are_named():
 @pytest.mark.skipif(not (REAL_DATA / "test_images").is_dir(), reason="needs the real stills in the folder LANES_DATA")
 def test_recipe_a_gives_its_published_numbers():
     """With a lens near the one that the real boards give. The published numbers have no signs."""
-    result = finder("hls_sobel", metres_per_px=PUBLISHED_SCALES).find(
-        read_image(REAL_DATA / "test_images" / "test5.jpg")
-    )
+    image = read_image(REAL_DATA / "test_images" / "test5.jpg")
+    result = finder("hls_sobel", metres_per_px=PUBLISHED_SCALES).find(image)
     # The road bends right and the car is right of the centre.
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(-724, rel=0.1)
     assert 1 / result.right_road.curvature_per_m() == pytest.approx(-1614, rel=0.1)

@@ -4,9 +4,17 @@ import numpy as np
 import pytest
 
 from helpers import LineFit, band_pixels, binary_pixels, find_peaks, lane_histogram, sliding_windows
-from tests.support.painted_roads import paint_view
 
-SIZE = (1280, 720)
+
+def paint_view(*lines, first_row=0):
+    """A bird's-eye view with lines 15 pixels wide through the columns that functions give for a row."""
+    rows, columns = np.indices((720, 1280))
+    on_line = [np.abs(columns - np.round(line(rows))) <= 7 for line in lines]
+    return np.where(np.any(on_line, axis=0) & (rows >= first_row), 255, 0).astype(np.uint8)
+
+
+def upright(row):
+    return 300 + 0 * row
 
 
 def slanted(row):
@@ -42,7 +50,7 @@ def test_peaks_left_and_right_of_the_middle(histogram, peaks):
 
 def test_windows_slide_along_a_slanted_and_a_bent_line():
     """A window that stays where the histogram put it (as one original's did in video) loses both lines."""
-    binary = paint_view(SIZE, [slanted, bent], thickness_px=15)
+    binary = paint_view(slanted, bent)
     found = sliding_windows(binary, margin_px=60)
     for windows in found.windows:
         assert windows[:, 1::2].tolist() == [[640 - 80 * k, 719 - 80 * k] for k in range(9)]
@@ -54,7 +62,7 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
 
 
 def test_few_pixels_do_not_move_a_window():
-    binary = paint_view(SIZE, [lambda y: 300 + 0 * y], rows=(640, 720))
+    binary = paint_view(upright, first_row=640)
     binary[600:604, 360:370] = 255  # 40 pixels at the edge of the second window
     still = sliding_windows(binary, margin_px=80, recentre_pixels=50).windows[0]
     moved = sliding_windows(binary, margin_px=80, recentre_pixels=40).windows[0]
@@ -63,7 +71,7 @@ def test_few_pixels_do_not_move_a_window():
 
 
 def test_a_flooded_window_is_dropped():
-    binary = paint_view(SIZE, [lambda y: 300 + 0 * y])
+    binary = paint_view(upright)
     binary[160:240, 200:400] = 255
     caught = sliding_windows(binary, margin_px=75, flood_pixels=9500).pixels[0]
     assert not ((caught[:, 1] >= 160) & (caught[:, 1] < 240)).any()
@@ -72,7 +80,7 @@ def test_a_flooded_window_is_dropped():
 
 
 def test_band_takes_the_pixels_beside_the_known_line_only():
-    binary = paint_view(SIZE, [slanted, bent])
+    binary = paint_view(slanted, bent)
     known = LineFit((0.0, 0.4, 150.0), 1)
     pixels = binary_pixels(binary)
     found = band_pixels(pixels, known, 10)

@@ -187,11 +187,7 @@ def test_edges_far_from_ahead_are_not_believed_without_lanes():
 
 REFUSED = {
     "no picture was given": (PoseError, [], {}),
-    "picture 2: is 640x360": (
-        PictureError,
-        [np.zeros((720, 1280, 3), np.uint8), np.zeros((360, 640, 3), np.uint8)],
-        {},
-    ),
+    "picture 2: is 640x360": (PictureError, [np.zeros((n, n * 16 // 9, 3), np.uint8) for n in (720, 360)], {}),
     "lane 12 m wide": (PoseError, [], {"lane_width_m": 12}),
     "camera 0.1 m above": (PoseError, [], {"height_m": 0.1}),
     "32x18 pixels are too small": (PoseError, np.zeros((18, 32, 3), np.uint8), {"camera": CAMERA.scaled((32, 18))}),

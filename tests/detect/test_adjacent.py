@@ -7,30 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.confidence import LIKELY_CONFIDENCE, error_variance_factor
-from lanes.detect.lane import COASTING, ROAD_EDGE, Lane, LineEvidence
+from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.lane import COASTING, ROAD_EDGE, LineEvidence
 from lanes.detect.road import SIDES
 from lanes.detect.search import find_lane
 from lanes.images import read_image
 from lanes.tracking.tracker import LaneTracker
-from simulator.rendering.drive import Drive, Motion
+from simulator.rendering.drive import Motion
 from simulator.road.geometry import line_lateral
 from simulator.scenes.freeway import DASHCAM as COURSE_CAMERA
 from simulator.scenes.stills import still_scenes
 from tests.support.painted_drive import CAMERA, WORN_YELLOW, PaintedDrive, Stripe, straight_road
 from tests.support.painted_roads import DASH_M, WHITE, YELLOW, Road, dashcam
 from tests.support.project import ROOT
-from tests.support.shapes import a_lane
+from tests.support.shapes import a_lane, found_lane
 
 DASHCAM = dashcam()
-SEEN = LineEvidence(0.5, True, 40.0)
-FAR = LineEvidence(0.2, True, 30.0)
-
-
-def a_lane_with_far_lines(**parameters) -> Lane:
-    model, std = a_lane(**parameters), a_lane(width=0.03, centre=0.02, heading=1e-3, curvature=1e-5, adjacent=0.05)
-    assumed = np.diag(std**2) / error_variance_factor(model, tracked=False)
-    return Lane(model, model, assumed, (SEEN, SEEN), score=1.4, far_evidence=(FAR, FAR))
+STD = a_lane(width=0.03, centre=0.02, heading=1e-3, curvature=1e-5, adjacent=0.05)
+WITH_FAR_LINES = found_lane(a_lane(), STD, score=1.4, far_evidence=(LineEvidence(0.2, True, 30.0),) * 2)
 
 
 def test_the_far_lines_of_the_stills_lie_on_their_markings():
@@ -42,17 +36,12 @@ def test_the_far_lines_of_the_stills_lie_on_their_markings():
         assert [far is not None for far in painted] == [side == sides.get(name) for side in SIDES], name
         for side, far in zip(SIDES, painted, strict=True):
             if far:
-                x_m = np.linspace(8.0, min(far.reach_m, 60.0), 20)
-                assert np.sqrt(np.mean((far.y(x_m) - true_far_line(drive, side, x_m)) ** 2)) < 0.1, name
+                truth, x_m = drive.truth(), np.linspace(8.0, min(far.reach_m, 60.0), 20)
+                beyond = max(side * lateral_m for lateral_m in truth.laterals_m) + 0.5
+                far_m = min((m.lateral_m for m in drive.markings if side * m.lateral_m > beyond), key=abs)
+                error_m = far.y(x_m) - line_lateral(drive.road, truth.pose, far_m, x_m)
+                assert np.sqrt(np.mean(error_m**2)) < 0.1, name
                 assert far.colour in ("white", "yellow") and far.support < 0.2
-
-
-def true_far_line(drive: Drive, side: float, x_m: np.ndarray) -> np.ndarray:
-    """Lateral positions of the marking next to the ego lane's line on a side."""
-    truth = drive.truth()
-    beyond = max(side * lateral_m for lateral_m in truth.laterals_m) + 0.5
-    far_m = min((m.lateral_m for m in drive.markings if side * m.lateral_m > beyond), key=abs)
-    return line_lateral(drive.road, truth.pose, far_m, x_m)
 
 
 def country_road() -> Road:
@@ -80,16 +69,15 @@ def test_the_border_of_a_lens_does_not_end_a_far_line(pitch_deg):
     """There the image of a line that approaches from the side goes down before it rises."""
     pose = replace(COURSE_CAMERA.require_pose(), pitch_rad=np.radians(pitch_deg))
     camera = COURSE_CAMERA.with_pose(pose)
-    for far in a_lane_with_far_lines().adjacent:
+    for far in WITH_FAR_LINES.adjacent:
         pixels, (u, v) = far.pixels(camera), camera.road_to_pixels(np.array([[20.0, far.offset_m]]))[0]
         assert np.interp(-v, -pixels[:, 1], pixels[:, 0]) == pytest.approx(u, abs=1.0)
 
 
 def test_an_uncertain_or_coasting_lane_states_none():
-    lane = a_lane_with_far_lines()
-    assert None not in lane.adjacent
-    assert replace(lane, state=COASTING).adjacent == (None, None)
-    doubtful = replace(lane, clear_share=0.01)
+    assert None not in WITH_FAR_LINES.adjacent
+    assert replace(WITH_FAR_LINES, state=COASTING).adjacent == (None, None)
+    doubtful = replace(WITH_FAR_LINES, clear_share=0.01)
     assert doubtful.confidence < LIKELY_CONFIDENCE and doubtful.adjacent == (None, None)
 
 

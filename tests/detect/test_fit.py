@@ -7,7 +7,7 @@ import pytest
 
 from lanes.camera import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import Stripes
+from lanes.detect.evidence import PAINT, Stripes, strength_weight
 from lanes.detect.fit import fit_lanes, fit_starts, flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
     CENTRE,
@@ -23,30 +23,33 @@ from lanes.detect.road import (
 )
 from lanes.detect.search import vote_lanes
 from tests.support.painted_roads import dashcam
-from tests.support.shapes import FOCAL_PX, a_lane, stripes_at
+from tests.support.shapes import a_lane
 
-HEIGHT_M = 1.3
+HEIGHT_M, FOCAL_PX = 1.3, 1150.0
 MATRIX = np.array([[FOCAL_PX, 0, 640], [0, FOCAL_PX, 360], [0, 0, 1.0]])
 VIEW = BirdsEyeView(Camera(1280, 720, MATRIX, np.zeros(5), CameraPose(HEIGHT_M, 0.0, 0.0)))
 ROWS_M = 5 * 1.022 ** np.arange(121)
 PRIOR = RoadPrior()
 
 
+def stripes_at(x_m, y_m, angle, strength=30.0):
+    """Stripes (N,) of these places, directions and strengths, as certain as those of the evidence."""
+    number, columns = len(x_m), x_m * VIEW.growth / (1 + VIEW.growth) / VIEW.cell_m
+    weight, edge = strength_weight(np.full(number, strength)), np.zeros(number, bool)
+    std_m, angle_std_rad = np.hypot(PAINT.position_std_m, x_m / FOCAL_PX), np.full(number, PAINT.angle_std_rad)
+    return Stripes(np.zeros(number, int), x_m, y_m, angle, columns, weight, std_m, angle_std_rad, edge, ~edge)
+
+
 def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, seed=0):
-    """Stripes as the evidence finds them on a lane, row by row, with others strewn between."""
-    rng = np.random.default_rng(seed)
-    parts = []
+    """Stripes as the evidence finds them on a lane, with others strewn between."""
+    rng, x = np.random.default_rng(seed), ROWS_M
+    strewn = rng.choice(x, outliers), rng.uniform(-10, 10, outliers), rng.uniform(-1, 1, outliers)
+    found = stripes_at(*strewn, strength=6.0)
     for side in sides:
-        y, ahead = line_y(ROWS_M, lane, side), line_y(ROWS_M + 0.01, lane, side)
-        keep = np.isfinite(y + ahead) & (np.abs(y) < 12)
-        x, angle = ROWS_M[keep], np.arctan((ahead - y)[keep] / 0.01)
-        parts.append((x, y[keep] + rng.normal(0, noise_m, len(x)), angle + rng.normal(0, 0.03, len(x)), 15.0))
-    x = rng.choice(ROWS_M, outliers)
-    parts.append((x, rng.uniform(-10, 10, outliers), rng.uniform(-1, 1, outliers), 6.0))
-    x, y, angle = (np.concatenate([p[k] for p in parts]) for k in range(3))
-    strength = np.concatenate([np.full(len(p[0]), p[3]) for p in parts])
-    row = np.searchsorted(ROWS_M, x)
-    return stripes_at(row, x, y, angle, strength)
+        y, ahead = line_y(x, lane, side), line_y(x + 0.01, lane, side)
+        y_m, angle = y + rng.normal(0, noise_m, len(x)), np.arctan((ahead - y) / 0.01) + rng.normal(0, 0.03, len(x))
+        found = found.joined(stripes_at(x, y_m, angle, strength=15.0).select(np.abs(y) + 0 * ahead < 12))
+    return found
 
 
 ROADS = {
@@ -55,6 +58,7 @@ ROADS = {
     "right bend, nodding": a_lane(centre=0.2, width=3.3, heading=0.03, curvature=-1 / 200, pitch=0.008),
     "clothoid": a_lane(centre=0.1, width=3.7, curvature=1 / 900, rate=5e-5),
     "hairpin": a_lane(centre=0.2, width=3.2, heading=0.05, curvature=-1 / 18),
+    "into a hairpin": a_lane(centre=0.2, width=3.2, curvature=1 / 40, rate=1 / 600),
 }
 
 
@@ -115,11 +119,10 @@ def seen(lines_m: tuple[float, ...], pitch: float) -> Stripes:
 
     A point at x appears at X with H / X = H / x - pitch, and at y X / x.
     """
-    rng, rows = np.random.default_rng(4), np.flatnonzero(VIEW.x_m < 60)
-    x = np.tile(VIEW.x_m[rows], len(lines_m))
-    y = np.repeat(lines_m, len(rows)) * (1 + pitch * x / HEIGHT_M) + rng.normal(0, 0.01, len(x))
-    angle = np.arctan(np.repeat(lines_m, len(rows)) * pitch / HEIGHT_M) + rng.normal(0, 0.02, len(x))
-    return stripes_at(np.tile(rows, len(lines_m)), x, y, angle)
+    rng, rows_m = np.random.default_rng(4), VIEW.x_m[VIEW.x_m < 60]
+    x, lines_y = np.tile(rows_m, len(lines_m)), np.repeat(lines_m, len(rows_m))
+    y = lines_y * (1 + pitch * x / HEIGHT_M) + rng.normal(0, 0.01, len(x))
+    return stripes_at(x, y, np.arctan(lines_y * pitch / HEIGHT_M) + rng.normal(0, 0.02, len(x)))
 
 
 @pytest.mark.parametrize("side", SIDES)

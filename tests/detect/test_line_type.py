@@ -45,10 +45,6 @@ def paint_in(image, y=1.7, side=1, *, light="white"):
     return marking_profile(response, view, line_y_m, stripes.row[on_line], side)
 
 
-def paint_at(road, y, side=1):
-    return paint_in(road.image(), y, side)
-
-
 def kind_of(*profiles):
     votes = NO_VOTES
     for profile in profiles:
@@ -70,7 +66,7 @@ def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_
 
 @pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
 def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
-    paint = paint_at(Road(CAMERA).lines(y - 0.11, y + 0.11, colour=YELLOW, width_m=0.1), y, side)
+    paint = paint_in(Road(CAMERA).lines(y - 0.11, y + 0.11, colour=YELLOW, width_m=0.1).image(), y, side)
     assert paint.double and paint.yellowness > 0.7
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
@@ -100,7 +96,7 @@ def test_dashes_show_while_driving(dash_m):
     """An image every 10 m: from the fourth one on the line is dashed, and stays so."""
     votes, kinds = NO_VOTES, []
     for driven_m in np.arange(0.0, 120.0, 10.0):
-        paint = paint_at(Road(SMALL).lines(1.7, dash_m=dash_m, phase_m=5.0 - driven_m), 1.7)
+        paint = paint_in(Road(SMALL).lines(1.7, dash_m=dash_m, phase_m=5.0 - driven_m).image())
         votes = votes.add(paint) if paint else votes
         kinds.append(votes.kind)
     assert set(kinds[3:]) == {"dashed"}

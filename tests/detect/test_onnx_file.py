@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,38 +14,33 @@ from lanes.camera import save_camera
 from lanes.detect.markings import find_mask, load_markings, run_network
 from lanes.errors import LaneError
 from lanes.images import write_image
-from tests.support.command_line import main
-from tests.support.onnx_file import threshold, write_model
+from tests.support.onnx_file import LOGITS, threshold, write_model
 from tests.support.painted_roads import Road, dashcam
 
 CAMERA = dashcam()
-ENTRIES = {"input_size": [640, 360], "channel": 1, "values": "logits"}
-OF_PIXELS = threshold(1 / 765, 1 / 765, 1 / 765)
+IMAGE = Road(CAMERA).lines(1.8, -1.7).image()
+LINES, OF_PIXELS = {"lines": threshold()}, {"lines": threshold(1 / 765, 1 / 765, 1 / 765)}
 
 
 @pytest.fixture
-def detect(tmp_path, capsys):
+def detect(tmp_path, run):
     """A function that detects the lane in a still with a network; returns status, confidence, and the error."""
-    save_camera(CAMERA, tmp_path / "camera.yaml")
-    write_image(tmp_path / "still.png", Road(CAMERA).lines(1.8, -1.7).image())
+    camera, still = save_camera(CAMERA, tmp_path / "camera.yaml"), write_image(tmp_path / "still.png", IMAGE)
 
-    def run(model: Path) -> tuple[int, float | None, str]:
+    def detect(model):
         output = tmp_path / "lanes.jsonl"
         output.unlink(missing_ok=True)
-        files = "--camera", tmp_path / "camera.yaml", tmp_path / "still.png", "-o", output
-        status = main(["detect", "--markings", *map(str, (model, *files))])
-        found = json.loads(output.read_text())["confidence"] if output.exists() else None
-        return status, found, capsys.readouterr().err
+        status, _, err = run("detect", "--markings", model, "--camera", camera, still, "-o", output)
+        return status, json.loads(output.read_text())["confidence"] if output.exists() else None, err
 
-    return run
+    return detect
 
 
 @pytest.mark.parametrize("last", ["", "input", "output", "input output"])
 @pytest.mark.parametrize(("pixels", "size"), [(False, None), (True, (640, 360))])
 def test_channels_last_and_pixels_are_recognised_from_the_input(tmp_path, detect, last, pixels, size):
-    weights = OF_PIXELS if pixels else threshold()
-    model = write_model(tmp_path / "m.onnx", {"lines": weights}, ENTRIES, last=last, pixels=pixels, size=size)
-    status, confidence, err = detect(model)
+    outputs = OF_PIXELS if pixels else LINES
+    status, confidence, err = detect(write_model(tmp_path / "m.onnx", outputs, last=last, pixels=pixels, size=size))
     assert status == 0 and confidence > 0.9, err
 
 
@@ -55,15 +49,13 @@ def test_weights_in_a_second_file_are_those_beside_the_model(tmp_path, detect, m
     folder, elsewhere = tmp_path / "model", tmp_path / "elsewhere"
     folder.mkdir()
     elsewhere.mkdir()
-    model = write_model(folder / "m.onnx", {"lines": threshold()}, ENTRIES, weights_in="m.onnx.data")
+    model = write_model(folder / "m.onnx", LINES, weights_in="m.onnx.data")
     (elsewhere / "m.onnx.data").write_bytes(bytes((folder / "m.onnx.data").stat().st_size))
     monkeypatch.chdir(elsewhere)
     status, confidence, err = detect(model)
     assert status == 0 and confidence > 0.9, err
-    inside = load_markings(write_model(elsewhere / "one.onnx", {"lines": threshold()}, ENTRIES))
-    image = Road(CAMERA).lines(1.8, -1.7).image()
-    before = load_markings(model)
-    np.testing.assert_array_equal(inside(image), before(image))
+    inside, before = load_markings(write_model(elsewhere / "one.onnx", LINES)), load_markings(model)
+    np.testing.assert_array_equal(inside(IMAGE), before(IMAGE))
     shutil.copy(elsewhere / "m.onnx.data", folder)
     assert load_markings(model).digest != before.digest
     assert detect(model)[1] < 0.5
@@ -72,7 +64,7 @@ def test_weights_in_a_second_file_are_those_beside_the_model(tmp_path, detect, m
 @pytest.mark.parametrize("changed", ["m.onnx", "m.onnx.data"])
 def test_the_digest_is_compared_where_the_network_is_loaded(tmp_path, changed):
     """A worker on another machine may have another file of this name."""
-    model = load_markings(write_model(tmp_path / "m.onnx", {"lines": threshold()}, ENTRIES, weights_in="m.onnx.data"))
+    model = load_markings(write_model(tmp_path / "m.onnx", LINES, weights_in="m.onnx.data"))
     other = write_model(tmp_path / "other.onnx", {"lines": threshold(1, 0, 0)}, None, weights_in="other.onnx.data")
     shutil.copy(other if changed == "m.onnx" else tmp_path / "other.onnx.data", tmp_path / changed)
     inputs = np.zeros((1, 3, 360, 640), np.float32)
@@ -85,42 +77,68 @@ def test_the_digest_is_compared_where_the_network_is_loaded(tmp_path, changed):
 def test_weights_outside_of_the_folder_are_refused(tmp_path, detect, location):
     """The file is there, but the author of a model must not choose what is read."""
     (tmp_path / "model" / "inner").mkdir(parents=True)
-    location = location.format(tmp_path)
-    model = write_model(tmp_path / "model" / "m.onnx", {"lines": threshold()}, ENTRIES, weights_in=location)
-    status, _, err = detect(model)
+    status, _, err = detect(write_model(tmp_path / "model" / "m.onnx", LINES, weights_in=location.format(tmp_path)))
     assert status == 2 and "names weights outside of its folder" in err and (tmp_path / "m.data").exists()
 
 
-@pytest.mark.parametrize("fault", ["missing", "cut off"])
-def test_weights_that_are_missing_or_cut_off_are_named(tmp_path, detect, fault):
-    model = write_model(tmp_path / "m.onnx", {"lines": threshold()}, ENTRIES, weights_in="m.data")
-    whole = (tmp_path / "m.data").read_bytes()
-    (tmp_path / "m.data").unlink()
-    if fault == "cut off":
-        (tmp_path / "m.data").write_bytes(whole[:-8])
+@pytest.mark.parametrize(("left_bytes", "words"), [(None, "no such weights file"), (-8, "are cut off")])
+def test_weights_that_are_missing_or_cut_off_are_named(tmp_path, detect, left_bytes, words):
+    model, weights = write_model(tmp_path / "m.onnx", LINES, weights_in="m.data"), tmp_path / "m.data"
+    whole = weights.read_bytes()
+    weights.unlink()
+    if left_bytes:
+        weights.write_bytes(whole[:left_bytes])
     status, found, err = detect(model)
-    assert (status, found) == (2, None) and "m.data" in err and "Traceback" not in err
-    assert ("no such weights file" if fault == "missing" else "are cut off") in err
+    assert (status, found) == (2, None) and "m.data" in err and words in err and "Traceback" not in err
+
+
+# one row high, with the padding of its width on all sides
+HIGH = {"lines": (np.zeros((2, 3, 1, 99), np.float32), np.zeros(2, np.float32))}
 
 
 @pytest.mark.parametrize(
     ("how", "entries", "words"),
     [
-        ({"kernel": 99}, {}, r"its output of shape \(1, 2, 458, 640\) is no mask of its input, 640x360 pixels; exp"),
-        ({"pixels": True}, {"scale": 0.01}, "its input is uint8, the pixels as they are; omit mean and scale"),
-        ({"size": (640, 360)}, {"input_size": [360, 640]}, r"its input is 640 wide and 360 high; input_size is \["),
-        ({}, {"input_size": [100_000, 100_000]}, r"input_size is \[width, height\], 8 to 4096 pixels each"),
+        ({"outputs": HIGH}, LOGITS,
+         r"its output of shape \(1, 2, 458, 640\) is no mask of its input, 640x360 pixels; exp"),
+        ({"outputs": OF_PIXELS, "pixels": True}, LOGITS | {"scale": 0.01},
+         "its input is uint8, the pixels as they are; omit mean and scale"),
+        ({"size": (640, 360)}, LOGITS | {"input_size": [360, 640]},
+         r"its input is 640 wide and 360 high; input_size is \["),
+        ({}, LOGITS | {"input_size": [100_000, 100_000]}, r"input_size is \[width, height\], 8 to 4096 pixels each"),
+        ({}, None, "no such YAML file.*write what the network needs, such as `input_size: .*own_network.md"),
+        ({}, "", "the file is empty"),
+        ({}, "[1, 2]", "must be a mapping"),
+        ({}, "a: [", "expected the node content"),
+        ({}, "a: &a [1]\nb: *a", "has an alias, which is not allowed"),
+        ({}, {"input_size": [640, 360], "channel": 1}, "missing 1 required positional argument: 'values'"),
+        ({}, LOGITS | {"values": "logit"}, "values are logits or probabilities"),
+        ({}, LOGITS | {"color": "RGB"}, "unexpected keyword argument 'color'"),
+        ({}, LOGITS | {"channel": 7}, r"shape \(1, 2, 360, 640\) has no channel 7"),
+        ({}, LOGITS | {"values": "probabilities"}, "returned .* with values from"),
+        ({}, LOGITS | {"scale": "1/255"}, "could not convert string to float"),
+        ({}, LOGITS | {"input_size": "640x360"}, "size"),
+        ({}, LOGITS | {"output": "x"}, "the outputs are lines; write `output:`"),
+        ({"outputs": {"area": threshold(-1, 0, 0)} | LINES}, LOGITS, "the outputs are area, lines; write `output:`"),
     ],
+    ids=lambda value: str(value)[:20],
 )  # fmt: skip
 def test_a_network_that_does_not_fit_is_refused_at_loading(tmp_path, detect, how, entries, words):
-    weights = OF_PIXELS if how.get("pixels") else threshold()
-    if kernel := how.pop("kernel", 0):
-        # one row high, with the padding of its width on all sides
-        weights = np.zeros((2, 3, 1, kernel), np.float32), weights[1]
-    model = write_model(tmp_path / "m.onnx", {"lines": weights}, ENTRIES | entries, **how)
-    status, found, err = detect(model)
-    assert (status, found) == (2, None) and re.search(words, err), err
+    """The error names the YAML file and what to write."""
+    status, found, err = detect(write_model(tmp_path / "m.onnx", entries=entries, **{"outputs": LINES, **how}))
+    assert (status, found) == (2, None) and re.search(
+        rf"^error: {tmp_path}/m\.yaml: cannot be used \(.*{words}", err
+    ), err
     assert "Traceback" not in err and "Warning" not in err
+
+
+def test_a_file_that_is_no_network_and_one_that_is_missing_are_refused(tmp_path, detect):
+    file = write_model(tmp_path / "m.onnx", LINES)
+    file.write_bytes(file.read_bytes()[:100])
+    assert re.search("m.yaml: cannot be used .*parse onnx", detect(file)[2])
+    assert "no.onnx: there is no such ONNX file" in detect(tmp_path / "no.onnx,own")[2]
+    with pytest.raises(FileNotFoundError, match="no.onnx: there is no such ONNX file"):
+        load_markings(tmp_path / "no.onnx,own")
 
 
 @pytest.mark.parametrize("shape", [(640, 360), (64, 36)])

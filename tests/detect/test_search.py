@@ -8,7 +8,7 @@ import pytest
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import find_evidence
 from lanes.detect.search import find_lane, search_lane
-from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
+from tests.support.painted_roads import ASPHALT, YELLOW, Arc, Road, dashcam
 
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
@@ -40,12 +40,7 @@ def test_shaded_bend_off_centre():
 @pytest.mark.parametrize("radius", [-18.0, 22.0])
 def test_hairpin(radius):
     camera = dashcam(yaw_rad=0.0)
-    road = Road(camera)
-    # circles about (0, radius): distance from the car's own circle, positive to the left
-    for a, colour in ((1.75, YELLOW), (-1.65, WHITE)):
-        road.paint(
-            lambda x, y, a=a: np.abs(np.sign(radius) * (abs(radius) - np.hypot(x, y - radius)) - a) < 0.06, colour
-        )
+    road = Road(camera, arc=Arc(1 / radius)).lines(1.75, colour=YELLOW).lines(-1.65)
     lane = find_lane(road.image(), camera)
     assert 1 / lane.curvature_per_m == pytest.approx(radius, rel=0.08)
     assert lane.width_m == pytest.approx(3.4, abs=0.12)

@@ -12,6 +12,7 @@ import re
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from functools import partial
+from itertools import pairwise
 from operator import attrgetter
 
 import nbformat
@@ -22,6 +23,7 @@ from tests.course.wrong_answers import WRONG_ANSWERS, wrong_code
 from tests.support.project import ROOT
 
 NOTEBOOK = ROOT / "project.ipynb"
+CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
 # The cells that are run again: the quickest, because others annotate videos, score drives and explain pictures.
 QUICK_CELLS = 65
 SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
@@ -96,15 +98,17 @@ def expect_hint(number: str, code: str, hint: str, run: Run) -> None:
 
 def exercises() -> list[tuple[str, str, str]]:
     """(number, check line of the starter cell, solution) of each exercise in the notebook."""
-    cells = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
-    sources = ["".join(cell["source"]) for cell in cells]
     found = []
-    for index, source in enumerate(sources):
-        check = CHECK_LINE.search(source) if cells[index]["cell_type"] == "code" else None
+    for cell, after in pairwise(CELLS):
+        check = CHECK_LINE.search(source(cell)) if cell["cell_type"] == "code" else None
         if check:
-            solution = SOLUTION.search(sources[index + 1])
+            solution = SOLUTION.search(source(after))
             found.append((check.group(1), check.group(0), solution.group(1) if solution else ""))
     return found
+
+
+def source(cell: dict) -> str:
+    return "".join(cell["source"])
 
 
 def wrong() -> list[tuple[str, str, str]]:

@@ -49,11 +49,8 @@ def test_a_process_says_nothing_of_its_own(tmp_path):
     """Tests of the commands run in this process; at the exit of an interpreter more may be printed."""
     write_drive(tmp_path / "drive.mp4", BENDS, 5)
     options = ["--camera", tmp_path / "drive.yaml", tmp_path / "drive.mp4"]
-    for arguments in (
-        ["annotate", *options, "-o", tmp_path / "out"],
-        ["explain", *options, "-o", tmp_path / "why.png"],
-    ):
-        status, _, err = run(*arguments)
+    for command, output in (("annotate", "out"), ("explain", "why.png")):
+        status, _, err = run(command, *options, "-o", tmp_path / output)
         assert (status, err) == (0, "")
     assert names(tmp_path / "out") == {"drive.mp4", "drive.csv", "drive.html"}
     status, out, err = run("fly")

@@ -7,26 +7,22 @@ are not to be loosened.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cache
 from itertools import islice
 
 import av
-import cv2
 import numpy as np
 import pytest
 
-from benchmark.errors import CONFIDENT, FrameErrors, frame_errors
-from benchmark.estimates import DriveEstimates
-from benchmark.evaluation import COMMITTED, list_drives, read_truth
+from benchmark.errors import CONFIDENT
+from benchmark.evaluation import COMMITTED
 from benchmark.scores import Row
-from benchmark.systems import TRACKER, start_system
+from benchmark.systems import TRACKER
 from benchmark.tables import read_scores
-from lanes.camera import Camera, CameraPose, load_camera
+from lanes.camera import Camera, CameraPose
 from lanes.tracking.tracker import LaneTracker
-from lanes.video.reader import inspect_video, read_video
 from simulator.scenes.suite import SUITE
+from tests.support.committed import CommittedDrive
 from tests.support.painted_drive import SMALL, TAR, PaintedDrive, Stripe, s_bend
 from tests.support.project import ROOT
 
@@ -40,31 +36,17 @@ TUNING_SET = {0, 1, 2, 7}
 BEGIN_S, END_S = 3.6, 5.6
 
 
-@cache
-def errors_of(scene: str) -> FrameErrors:
-    """The tracker's errors in a part of a committed video, in half its size."""
-    drive = list_drives()[scene]
-    fps = inspect_video(drive.video).fps
-    camera = load_camera(drive.video.with_suffix(".yaml")).scaled((640, 360))
-    find, to_estimate = start_system(TRACKER, camera, fps)
-    frames = read_video(drive.video, start_s=BEGIN_S, end_s=END_S)
-    estimates = [to_estimate(find(cv2.resize(image, camera.size, interpolation=cv2.INTER_AREA))) for image in frames]
-    first = round(BEGIN_S * fps)
-    truth = read_truth(drive).select(slice(first, first + len(estimates)))
-    return frame_errors(DriveEstimates.from_frames(estimates, [0.0] * len(estimates)), truth)
-
-
 def test_the_tracker_is_seldom_confident_and_wrong_on_the_committed_videos():
     """Of the frames of all three, as in the published table: one frame of one video is more than this share."""
-    errors = [errors_of(scene) for scene in COMMITTED]
+    errors = []
+    for scene in COMMITTED:
+        drive = CommittedDrive(scene, start_s=BEGIN_S, end_s=END_S)
+        errors.append(drive.follow((frame, None, number) for number, frame in enumerate(drive.frames))[1])
     assert [len(of_scene.available) for of_scene in errors] == [round(25 * (END_S - BEGIN_S))] * len(COMMITTED)
     assert np.concatenate([of_scene.confident_and_wrong for of_scene in errors]).mean() <= PROMISED["lane"]
-
-
-def test_a_shifted_lane_counts_as_confident_and_wrong():
-    """Otherwise the test above could not fail, nor if the tracker were never confident."""
-    errors = errors_of(next(iter(COMMITTED)))
-    shifted = replace(errors, lateral_m=errors.lateral_m + 0.5, near_rms_m=errors.near_rms_m + 0.5)
+    # a shifted lane counts: otherwise this could not fail, nor if the tracker were never confident
+    first = errors[0]
+    shifted = replace(first, lateral_m=first.lateral_m + 0.5, near_rms_m=first.near_rms_m + 0.5)
     assert shifted.confident_and_wrong.mean() > 0.9
 
 
@@ -89,35 +71,27 @@ def test_the_tracker_is_never_confident_where_there_is_no_lane(road):
 # The published table is made by `python -m benchmark --seed 31 -o docs/benchmark`.
 
 
-def scene_and_variant(name: str) -> tuple[str, int]:
-    """The scene and the number of its variant: ("dips", 31) for "dips-31"."""
-    scene, number = re.fullmatch(r"(.*?)(?:-(\d+))?", name).groups(default="0")
-    return scene, int(number)
+@pytest.fixture(scope="module")
+def published() -> dict[tuple[str, int], Row]:
+    """The tracker's row of each scene and variant, without the sums: that of ("dips", 31) is named "dips-31"."""
+    rows = {}
+    for row in read_scores(TABLE):
+        if row["system"] == TRACKER and not row["scene"].startswith("all "):
+            scene, number = re.fullmatch(r"(.*?)(?:-(\d+))?", row["scene"]).groups(default="0")
+            rows[scene, int(number)] = row
+    return rows
 
 
-def rows_of_the_tracker() -> list[Row]:
-    """One row for each scene, without the sums."""
-    return [row for row in read_scores(TABLE) if row["system"] == TRACKER and not row["scene"].startswith("all ")]
+@pytest.mark.parametrize("bound", PROMISED)
+def test_the_published_shares_are_within_the_bounds(published, bound):
+    rows = [row for row in published.values() if (row["difficulty"] == NO_LANE) == (bound == NO_LANE)]
+    wrong = sum(row["frames"] * row["confident_and_wrong_share"] for row in rows)
+    assert wrong / sum(row["frames"] for row in rows) <= PROMISED[bound]
 
 
-def confident_and_wrong(rows: Iterable[Row]) -> float:
-    """Share of all frames of these rows."""
-    frames = [(row["frames"], row["confident_and_wrong_share"]) for row in rows]
-    return sum(count * share for count, share in frames) / sum(count for count, _ in frames)
-
-
-@pytest.mark.parametrize(
-    ("bound", "chosen"),
-    [(NO_LANE, lambda row: row["difficulty"] == NO_LANE), ("lane", lambda row: row["difficulty"] != NO_LANE)],
-    ids=["without a lane", "with a lane"],
-)
-def test_the_published_shares_are_within_the_bounds(bound: str, chosen: Callable[[Row], bool]):
-    assert confident_and_wrong(row for row in rows_of_the_tracker() if chosen(row)) <= PROMISED[bound]
-
-
-def test_the_published_table_has_every_scene_and_frame():
+def test_the_published_table_has_every_scene_and_frame(published):
     """Otherwise a bound could be met by leaving frames out."""
-    rows = {scene_and_variant(row["scene"])[0]: row for row in rows_of_the_tracker()}
+    rows = {scene: row for (scene, _), row in published.items()}
     assert rows.keys() == SUITE.keys()
     for name, scene in SUITE.items():
         assert rows[name]["difficulty"] == scene.difficulty
@@ -126,8 +100,8 @@ def test_the_published_table_has_every_scene_and_frame():
         assert rows[name]["lane_frames"] == (0 if scene.difficulty == NO_LANE else rows[name]["frames"])
 
 
-def test_the_published_table_is_not_of_the_tuning_set():
-    (variant,) = {scene_and_variant(row["scene"])[1] for row in rows_of_the_tracker()}
+def test_the_published_table_is_not_of_the_tuning_set(published):
+    (variant,) = {variant for _, variant in published}
     words = (TABLE.parent / "README.md").read_text(encoding="utf-8")
     assert variant not in TUNING_SET and f"--seed {variant} " in words
     # a higher limit would hide wrong frames

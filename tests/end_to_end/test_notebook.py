@@ -7,6 +7,7 @@ import json
 import re
 import subprocess
 import sys
+from itertools import pairwise
 
 import numpy as np
 
@@ -15,11 +16,9 @@ import helpers
 import lanes
 from course.exercises.check import CHECKS
 from tests.end_to_end.nbval_plugin import figure_fault
-from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, wrong
+from tests.end_to_end.notebook_reader import CELLS, NOTEBOOK, exercises, source, wrong
 from tests.support.project import ROOT
 
-TEXT = NOTEBOOK.read_text(encoding="utf-8")
-CELLS = json.loads(TEXT)["cells"]
 CODE_CELLS = [cell for cell in CELLS if cell["cell_type"] == "code"]
 LAST_CLASSIC_CHAPTER = 8
 
@@ -30,10 +29,6 @@ def chapters() -> dict[int, list[dict]]:
     for cell in CELLS:
         found.setdefault(int(cell["id"][2:4]), []).append(cell)
     return found
-
-
-def source(cell: dict) -> str:
-    return "".join(cell["source"])
 
 
 def test_is_executed_from_top_to_bottom_without_errors():
@@ -66,9 +61,8 @@ def test_cells_are_short_and_need_no_scrolling():
 
 
 def test_every_code_cell_is_announced_by_text():
-    kinds = [cell["cell_type"] for cell in CELLS]
-    assert kinds[0] == "markdown"
-    assert all(before == "markdown" for before, kind in zip(kinds, kinds[1:], strict=False) if kind == "code")
+    kinds = ["code", *(cell["cell_type"] for cell in CELLS)]
+    assert all(before == "markdown" for before, kind in pairwise(kinds) if kind == "code") and kinds[1] == "markdown"
 
 
 def test_every_chapter_has_questions_with_answers_and_a_check_that_prints_a_number():
@@ -100,6 +94,8 @@ GIVEN = {
 
 def test_the_numbers_of_answers_are_those_that_the_cells_print():
     """Every number in an answer or below a solution stands in an output of its chapter, or is given by its question."""
+    answer = "<details><summary>Answer</summary>By 17.3 px in *test5* of chapter 4, `n = 5`, $x^2$.</details>"
+    assert numbers_of_answers(answer) == ["17.3"]
     stale = []
     for number, cells in chapters().items():
         shown = " ".join(printed(cell) for cell in cells if cell["cell_type"] == "code")
@@ -121,11 +117,6 @@ def numbers_of_answers(text: str) -> list[str]:
     return found
 
 
-def test_the_test_of_numbers_finds_a_stale_one():
-    answer = "<details><summary>Answer</summary>By 17.3 px in *test5* of chapter 4, `n = 5`, $x^2$.</details>"
-    assert numbers_of_answers(answer) == ["17.3"]
-
-
 def printed(cell: dict) -> str:
     return "".join("".join(o.get("text", "")) for o in cell["outputs"]).replace("\n", " | ")
 
@@ -139,9 +130,10 @@ def test_every_exercise_has_a_check_a_solution_and_wrong_answers():
 
 
 def test_is_light_and_names_no_machine():
-    assert len(TEXT) < 3.5e6
-    assert json.loads(TEXT)["metadata"]["kernelspec"]["name"] == "python3"
-    assert not re.search(r"/(home|root|Users|work|tmp)/", TEXT)
+    text = NOTEBOOK.read_text(encoding="utf-8")
+    assert len(text) < 3.5e6
+    assert json.loads(text)["metadata"]["kernelspec"]["name"] == "python3"
+    assert not re.search(r"/(home|root|Users|work|tmp)/", text)
 
 
 def test_figure_comparison_notices_a_change():

@@ -59,9 +59,8 @@ def test_the_code_of_the_page_prints_what_it_says(tmp_path, monkeypatch):
     names = {"messages": messages, "__name__": "__main__"}
     page = doctest.DocTestParser().get_doctest(code, names, PAGE.name, str(PAGE), 0)
     report: list[str] = []
-    result = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE).run(
-        page, out=report.append, clear_globs=False
-    )
+    runner = doctest.DocTestRunner(optionflags=doctest.NORMALIZE_WHITESPACE)
+    result = runner.run(page, out=report.append, clear_globs=False)
     assert result.attempted >= 25 and not result.failed, "".join(report)
     node = page.globs["node"]
     assert node.subscriptions["camera/image_raw"] == node.on_image

@@ -148,9 +148,8 @@ def test_the_installed_package_works_from_an_empty_folder(installed, tmp_path):
     [code] = re.findall(r"```python\n(import lanes\n.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.S)
     code = code.replace("(1280, 720)", repr(BENDS.camera.size))
     code += "\nimport doctest; print(lanes.__file__, *sorted(lanes.__all__), *doctest.testmod(lanes)[:2])"
-    *rows, (file, *names, failed, attempted) = map(
-        str.split, run_in(tmp_path, installed / "python", "-c", code).splitlines()
-    )
+    printed = run_in(tmp_path, installed / "python", "-c", code).splitlines()
+    *rows, (file, *names, failed, attempted) = map(str.split, printed)
     assert len(rows) >= FRAMES - 2  # the first frames may have no lane yet
     assert all(0 <= float(confidence) <= 1 for _, _, confidence in rows)
     assert Path(file).is_relative_to(installed.parent) and names == sorted(lanes.__all__)

@@ -11,7 +11,9 @@ from pathlib import Path
 import numpy as np
 import yaml
 
-FLOAT = 1
+FLOAT, UINT8 = 1, 2
+# A YAML file for outputs that are logits, the second channel those of paint.
+LOGITS = {"input_size": [640, 360], "channel": 1, "values": "logits"}
 # Grey levels of road and paint in an input of 0 to 1, and the difference of their logits.
 ROAD, PAINT = 98 / 255, 215 / 255
 STEEPNESS = 14.0
@@ -20,7 +22,7 @@ STEEPNESS = 14.0
 def write_model(
     file: Path,
     outputs: Mapping[str, tuple[np.ndarray, np.ndarray]],
-    entries: dict | None,
+    entries: dict | str | None = LOGITS,
     *,
     sigmoid: bool = False,
     size: tuple[int, int] | None = None,
@@ -30,88 +32,81 @@ def write_model(
 ) -> Path:
     """Write a network with an output for each of `outputs`: weights (channels, 3, k, k) and bias (channels,).
 
-    `entries` are those of the YAML file, which is not written if they are None. `size` (width, height) is that of the
-    input; any size without it. With `sigmoid` the outputs are its values. Channels are the last axis of what `last`
-    names: "input", "output" or both. With `pixels` the input is uint8, which the weights must allow for. With
-    `weights_in` the weights are in a second file of this name, as ONNX's external data.
+    `entries` are those of the YAML file, or its text; it is not written if they are None. `size` (width, height) is
+    that of the input; any size without it. With `sigmoid` the outputs are its values. Channels are the last axis of
+    what `last` names: "input", "output" or both. With `pixels` the input is uint8, which the weights must allow for.
+    With `weights_in` the weights are in a second file of this name, as ONNX's external data.
     """
-    nodes, weights, results, image, blob = [], [], [], "image", bytearray()
+    nodes, tensors, results, image, blob = [], [], [], "image", b""
     if pixels:
-        nodes.append(_node("Cast", [image], "floats", [_field(1, "to") + _field(3, FLOAT) + _field(20, 2)]))
+        nodes.append(_node("Cast", [image], "floats", to=FLOAT))
         image = "floats"
     if "input" in last:
-        nodes.append(_node("Transpose", [image], "first", [_integers("perm", [0, 3, 1, 2])]))
+        nodes.append(_node("Transpose", [image], "first", perm=[0, 3, 1, 2]))
         image = "first"
     for name, (kernel, bias) in outputs.items():
-        of_convolution = f"{name} logits" if sigmoid or "output" in last else name
-        pads = [_integers("pads", [kernel.shape[-1] // 2] * 4), _integers("kernel_shape", kernel.shape[-2:])]
-        nodes.append(_node("Conv", [image, f"{name} kernel", f"{name} bias"], of_convolution, pads))
-        for part, values in (("kernel", kernel), ("bias", bias)):
-            weights.append(_tensor(f"{name} {part}", values, blob if weights_in else None, weights_in))
+        logits = f"{name} logits" if sigmoid or "output" in last else name
+        inputs, shape = [image, f"{name} kernel", f"{name} bias"], [*kernel.shape[-2:]]
+        nodes.append(_node("Conv", inputs, logits, pads=[shape[1] // 2] * 4, kernel_shape=shape))
+        for tensor, values in zip(inputs[1:], (kernel, bias), strict=True):
+            data = values.astype("<f4").tobytes()
+            place = {"location": weights_in, "offset": str(len(blob)), "length": str(len(data))}
+            stored = {13: [{1: key, 2: text} for key, text in place.items()], 14: 1} if weights_in else {9: data}
+            tensors.append({1: [*values.shape], 2: FLOAT, 8: tensor} | stored)
+            blob += data
         if sigmoid:
-            nodes.append(_node("Sigmoid", [of_convolution], name, []))
+            nodes.append(_node("Sigmoid", [logits], name))
         if "output" in last:
-            nodes.append(_node("Transpose", [of_convolution], name, [_integers("perm", [0, 2, 3, 1])]))
-        shape = [1, None, None, len(bias)] if "output" in last else [1, len(bias), None, None]
-        results.append(_value(name, shape))
+            nodes.append(_node("Transpose", [logits], name, perm=[0, 2, 3, 1]))
+        results.append(_value(name, FLOAT, [len(bias), None, None], "output" in last))
     width, height = size or (None, None)
-    shape = [1, height, width, 3] if "input" in last else [1, 3, height, width]
-    graph = b"".join(_field(1, node) for node in nodes) + _field(2, "graph")
-    graph += b"".join(_field(5, tensor) for tensor in weights) + _field(11, _value("image", shape, 2 if pixels else 1))
-    graph += b"".join(_field(12, result) for result in results)
-    file.write_bytes(_field(1, 8) + _field(7, graph) + _field(8, _field(1, "") + _field(2, 13)))
+    source = _value("image", UINT8 if pixels else FLOAT, [3, height, width], "input" in last)
+    graph = {1: nodes, 2: "graph", 5: tensors, 11: source, 12: results}
+    file.write_bytes(_encode({1: 8, 7: graph, 8: {1: "", 2: 13}}))
     if weights_in:
         (file.parent / weights_in).write_bytes(blob)
     if entries is not None:
-        file.with_suffix(".yaml").write_text(yaml.safe_dump(entries))
+        file.with_suffix(".yaml").write_text(entries if isinstance(entries, str) else yaml.safe_dump(entries))
     return file
 
 
-def threshold(
-    *colours: float, kernel: int = 1, road: float = ROAD, paint: float = PAINT
-) -> tuple[np.ndarray, np.ndarray]:
+def threshold(*colours: float, road: float = ROAD, paint: float = PAINT) -> tuple[np.ndarray, np.ndarray]:
     """Two channels of logits: 0 for the background, and positive for paint, which is the second one.
 
     `colours` are the weights of red, green and blue, by default their mean; `road` and `paint` the weighted sums of
     road and paint in the input.
     """
-    weights = np.zeros((2, 3, kernel, kernel), np.float32)
-    weights[1] = STEEPNESS / (paint - road) / kernel**2 * np.array(colours or (1 / 3, 1 / 3, 1 / 3))[:, None, None]
+    weights = np.zeros((2, 3, 1, 1), np.float32)
+    weights[1, :, 0, 0] = STEEPNESS / (paint - road) * np.array(colours or (1 / 3, 1 / 3, 1 / 3))
     return weights, np.array([0, -STEEPNESS * (paint + road) / 2 / (paint - road)], np.float32)
 
 
-def _field(number: int, content: int | bytes | str) -> bytes:
-    if isinstance(content, int):
-        return _varint(number << 3) + _varint(content)
-    data = content.encode() if isinstance(content, str) else content
-    return _varint(number << 3 | 2) + _varint(len(data)) + data
+def _node(kind: str, inputs: list[str], output: str, **attributes: int | list[int]) -> dict:
+    lists = [{1: name, 8: value, 20: 7} for name, value in attributes.items() if isinstance(value, list)]
+    numbers = [{1: name, 3: value, 20: 2} for name, value in attributes.items() if isinstance(value, int)]
+    return {1: inputs, 2: output, 3: output, 4: kind, 5: lists + numbers}
+
+
+def _value(name: str, kind: int, channels_and_size: list[int | None], channels_last: bool) -> dict:
+    channels, *size = channels_and_size
+    shape = [1, *size, channels] if channels_last else [1, channels, *size]
+    sizes = [{2: "any"} if number is None else {1: number} for number in shape]
+    return {1: name, 2: {1: {1: kind, 2: {1: sizes}}}}
+
+
+def _encode(message: dict) -> bytes:
+    """A message from the contents of its fields by number: numbers, text, bytes, messages, or lists of them."""
+    data = b""
+    for number, contents in message.items():
+        for content in contents if isinstance(contents, list) else [contents]:
+            if isinstance(content, int):
+                data += _varint(number << 3) + _varint(content)
+            else:
+                inner = _encode(content) if isinstance(content, dict) else content
+                inner = inner.encode() if isinstance(inner, str) else inner
+                data += _varint(number << 3 | 2) + _varint(len(inner)) + inner
+    return data
 
 
 def _varint(number: int) -> bytes:
     return bytes([number]) if number < 128 else bytes([number & 127 | 128]) + _varint(number >> 7)
-
-
-def _node(kind: str, inputs: list[str], output: str, attributes: list[bytes]) -> bytes:
-    names = b"".join(_field(1, name) for name in inputs) + _field(2, output) + _field(3, output) + _field(4, kind)
-    return names + b"".join(_field(5, attribute) for attribute in attributes)
-
-
-def _integers(name: str, values: list[int] | tuple[int, ...]) -> bytes:
-    return _field(1, name) + b"".join(_field(8, int(value)) for value in values) + _field(20, 7)
-
-
-def _tensor(name: str, values: np.ndarray, blob: bytearray | None = None, location: str = "") -> bytes:
-    """A tensor with its values, or with the place where they are appended to `blob`, the content of `location`."""
-    data = values.astype("<f4").tobytes()
-    head = b"".join(_field(1, int(size)) for size in values.shape) + _field(2, FLOAT) + _field(8, name)
-    if blob is None:
-        return head + _field(9, data)
-    place = {"location": location, "offset": str(len(blob)), "length": str(len(data))}
-    blob += data
-    return head + b"".join(_field(13, _field(1, key) + _field(2, text)) for key, text in place.items()) + _field(14, 1)
-
-
-def _value(name: str, shape: list[int | None], kind: int = FLOAT) -> bytes:
-    sizes = (_field(2, "any") if size is None else _field(1, size) for size in shape)
-    tensor = _field(1, kind) + _field(2, b"".join(_field(1, size) for size in sizes))
-    return _field(1, name) + _field(2, _field(1, tensor))

@@ -237,19 +237,3 @@ def _paint_car(road: Road) -> None:
     """Paint a pale box on the lane to the right, 25 m ahead."""
     (left, bottom), (right, top) = road.camera.road_to_pixels(np.array([[25.0, -2.9, 0.0], [25.0, -4.7, 1.4]]))
     road.picture[max(int(top), 0) : int(bottom) + 1, max(int(left), 0) : int(right) + 1] = (190, 190, 200)
-
-
-def paint_view(
-    size: tuple[int, int], rows_to_columns, *, thickness_px: int = 15, rows: tuple[int, int] | None = None
-) -> np.ndarray:
-    """Binary bird's-eye view (height, width) with a line through the columns that each function gives for a row."""
-    width, height = size
-    binary = np.zeros((height, width), np.uint8)
-    first, last = rows or (0, height)
-    y = np.arange(first, last)
-    for function in rows_to_columns:
-        x = np.round(function(y)).astype(int)
-        for shift in range(-(thickness_px // 2), thickness_px // 2 + 1):
-            inside = (x + shift >= 0) & (x + shift < width)
-            binary[y[inside], x[inside] + shift] = 255
-    return binary

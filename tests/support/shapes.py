@@ -1,4 +1,4 @@
-"""Lane parameters by name, and stripes at given positions."""
+"""Lane parameters by name, and lanes with given standard deviations."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lanes.detect.evidence import PAINT, Stripes, strength_weight
+from lanes.detect.confidence import error_variance_factor
+from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import parameter_vector
 
-# Growth from row to row and width of the columns of the usual view; focal length of the camera.
-GROWTH, CELL_M, FOCAL_PX = 0.022, 0.05, 1150.0
+SEEN = LineEvidence(0.5, True, 40.0)
 
 
 def a_lane(**parameters: float | Sequence[float]) -> np.ndarray:
@@ -18,19 +18,7 @@ def a_lane(**parameters: float | Sequence[float]) -> np.ndarray:
     return parameter_vector(**{"width": 3.5, **parameters})
 
 
-def stripes_at(
-    row: np.ndarray,
-    x_m: np.ndarray,
-    y_m: np.ndarray,
-    angle: np.ndarray,
-    strength: np.ndarray | float = 30.0,
-    *,
-    growth: float = GROWTH,
-    cell_m: float = CELL_M,
-) -> Stripes:
-    """Stripes (N,) of the given places, directions and strength in a view of such rows and columns."""
-    step = x_m * growth / (1 + growth) / cell_m
-    weight = strength_weight(np.broadcast_to(strength, len(x_m)) + 0.0)
-    std_m = np.hypot(PAINT.position_std_m, x_m / FOCAL_PX)
-    edge = np.zeros(len(x_m), bool)
-    return Stripes(row, x_m, y_m, angle, step, weight, std_m, np.full(len(x_m), PAINT.angle_std_rad), edge, ~edge)
+def found_lane(model: np.ndarray, std: np.ndarray, lines: tuple = (SEEN, SEEN), **others: object) -> Lane:
+    """A lane (15,) found in a still, whose errors have these standard deviations (15,)."""
+    assumed = np.diag(std**2) / error_variance_factor(model, tracked=False)
+    return Lane(model, model, assumed, lines, **{"score": 1.0, **others})

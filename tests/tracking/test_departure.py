@@ -84,32 +84,32 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
     for step_s in (0.02, 0.08):  # at 0.6 m/s
         moving = watched([lane_at(-0.2 - 0.6 * step_s * n, heading) for n in range(60)], car(20.0), step_s)
-        first = [departure.due for departure in moving].index(True)
+        first = next(departure for departure in moving if departure.due)
         # foreseen for 0.5 s, at any frame rate
-        assert moving[first].left_m == pytest.approx(0.27, abs=0.07) and moving[first].side == "left"
-    assert not any(
-        departure.due for departure in watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
-    )
+        assert first.left_m == pytest.approx(0.27, abs=0.07) and first.side == "left"
+    short = watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
+    assert not any(departure.due for departure in short)
 
 
-def test_after_a_lane_change_the_motion_is_still_seen():
-    """The car drifts on to the left into the adjacent lane, whose left line it approaches."""
-    centres = np.arange(-0.5, -5.2, -0.03)
-    lanes = [lane_at(centre + 3.6 * (centre < -1.9), -0.0375) for centre in centres]
-    departures = watched(lanes, car(20.0))
-    before, after = departures[40], departures[-1]
-    assert before.due and before.side == "left"
-    assert after.due and after.side == "left" and after.time_to_crossing_s < 1.0
-    middle = departures[int(np.abs(centres + 3.6).argmin())]
-    assert not middle.due
+@pytest.mark.parametrize(("speed_mps", "due_in_the_middle"), [(0.75, False), (1.5, True)])
+def test_after_a_lane_change_the_motion_is_still_seen(speed_mps, due_in_the_middle):
+    """The car drifts on to the left into the adjacent lane; the warning comes as early as in the first one."""
+    centres = np.arange(1.8, -5.2, -speed_mps * 0.04)
+    lanes = [lane_at(centre + 3.6 * (centre < -1.9), -speed_mps / 20.0) for centre in centres]
+    departures = np.array(watched(lanes, car(20.0)))
+    of_lanes = departures[centres >= -1.9], departures[centres < -1.9]
+    first, second = (next(one for one in of_lane if one.due) for of_lane in of_lanes)
+    assert first.side == second.side == "left" and 0 < first.time_to_crossing_s < 1.0
+    assert second.left_m == pytest.approx(first.left_m, abs=0.05)
+    assert of_lanes[0][-1].due and of_lanes[1][-1].due
+    assert departures[np.abs(centres + 3.6).argmin()].due == due_in_the_middle
 
 
 def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
     rows = {"offset_m": np.full(100, 0.7), "lane_width_m": np.full(100, 3.0), "confidence": np.full(100, 0.9)}
-    assert describe_crossings(rows, 1.8).startswith(
-        "the tyres would be on a line in 100 of 100 frames if the car is 1.8 m"
-    )
-    assert "--camera-offset or --car-width" in describe_crossings(rows, 1.8)
+    words = describe_crossings(rows, 1.8)
+    assert words.startswith("the tyres would be on a line in 100 of 100 frames if the car is 1.8 m")
+    assert "--camera-offset or --car-width" in words
     assert describe_crossings(rows, 1.5) is None
     assert describe_crossings({**rows, "confidence": np.full(100, 0.3)}, 1.8) is None
 

@@ -12,19 +12,18 @@ import pytest
 from lanes.detect.lane import TRACKING
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.rendering.drive import Motion
-from tests.support.motorway import FPS, Motorway, Step
-from tests.support.painted_drive import CAMERA, PaintedDrive, Stripe, straight_road
+from tests.support.committed import FPS, CommittedDrive, Step
+from tests.support.painted_drive import SMALL, PaintedDrive, Stripe, straight_road
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
-SMALL = CAMERA.scaled((640, 360))
 # Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
 LEARNT_S, SECONDS = 6.0, 9.0
 
 
 @pytest.fixture(scope="module")
-def motorway() -> Motorway:
-    return Motorway(SECONDS)
+def motorway() -> CommittedDrive:
+    return CommittedDrive("motorway", end_s=SECONDS)
 
 
 @pytest.mark.parametrize("draw", [partial(draw_guide_lines, spread=0.5), draw_striped_bonnet])
@@ -66,7 +65,7 @@ def test_what_never_moves_is_forgotten_between_two_drives(motorway):
         assert again.state == first.state and again.confidence == first.confidence
 
 
-def disturbed(drive: Motorway, hit: np.ndarray, kinds: tuple[str, ...], *, told: bool = True) -> Iterator[Step]:
+def disturbed(drive: CommittedDrive, hit: np.ndarray, kinds: tuple[str, ...], *, told: bool = True) -> Iterator[Step]:
     """The frames that are hit are in turn dropped, doubled (the one before is shown again) or black.
 
     `told` is by how much later the next frame comes.

@@ -138,7 +138,6 @@ def test_the_jacobian_of_the_transition():
     # how the decay of rate steps and vertical curvatures depends on the speed is left out: it is small beside the noise
     kept = np.ones(len(mean), bool)
     kept[SPEED] = False
-    np.testing.assert_allclose(
-        (found * std / std[:, None])[:, kept], (expected * std / std[:, None])[:, kept], atol=1e-5
-    )
+    scale = std / std[:, None]
+    np.testing.assert_allclose((found * scale)[:, kept], (expected * scale)[:, kept], atol=1e-5)
     np.testing.assert_allclose(found[:4, SPEED], expected[:4, SPEED], atol=1e-6)
