@@ -89,7 +89,9 @@ def test_each_line_ends_with_its_evidence_and_the_area_with_the_nearer_one():
     assert draw_lane(image, replace(lane, evidence=(LineEvidence(), LineEvidence())), SMALL).shape == image.shape
 
 
-@pytest.mark.parametrize(("confidence", "filled"), [(0.95, True), (0.51, True), (0.49, False), (0.1, False)])
+@pytest.mark.parametrize(
+    ("confidence", "filled"), [(0.95, True), (0.51, True), (0.49, False), (0.2, False), (0.1, False)]
+)
 def test_the_confidence_decides_what_is_drawn(confidence, filled):
     """A likely lane is filled, and its lines are ribbons; others are dotted, without an area."""
     image, lane = tracked_bends()

@@ -90,7 +90,7 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
     lines = tuple(Stripe(y_m, **edges.get(y_m, {"dash_m": DASH_M, "phase_m": -y_m})) for y_m in LINES_M)
     motion = Motion(speed_mps=20.0, shift_m=-3.6, shift_start_s=1.2, shift_seconds=2.5)
     drive = PaintedDrive(straight_road(), lines, motion, camera=CAMERA.scaled((640, 360)), black_s=(5.2, np.inf))
-    tracker, stated = LaneTracker(drive.camera, fps=FPS), []
+    tracker, stated, before = LaneTracker(drive.camera, fps=FPS), [], (None, None)
     for time_s in np.arange(round(5.7 * FPS)) / FPS:
         lane, lateral_m = tracker.update(drive.frame(time_s)), motion.pose(time_s).lateral_m
         assert time_s < 5.2 or lane.state == COASTING
@@ -100,6 +100,11 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
                 nearest = min(LINES_M, key=lambda y_m: abs(y_m - lateral_m - far.offset_m))
                 assert far.offset_m == pytest.approx(nearest - lateral_m, abs=0.25), time_s
                 assert 2.5 < side * far.offset_m < 8.0, time_s
+        # between two searches their ends come nearer
+        for far, last in zip(lane.adjacent, before, strict=True):
+            if far and last and not tracker.search:
+                assert far.reach_m == pytest.approx(last.reach_m - lane.motion.speed_mps / FPS, abs=0.1)
+        before = lane.adjacent
     for begin_s, end_s in ((0.2, 1.2), (4.2, 5.2)):
         assert np.mean([some for time_s, some in stated if begin_s <= time_s < end_s]) > 0.5
     assert not any(some for time_s, some in stated if time_s >= 5.2)
