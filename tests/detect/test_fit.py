@@ -77,8 +77,8 @@ def test_lane_is_found_among_clutter(road):
 
 @pytest.mark.parametrize("vertical", [(0, 2e-3, -3e-3, 1e-3), (3e-3, -6e-3, 6e-3, 0)])
 def test_a_search_follows_a_road_that_undulates(vertical):
-    """A fit of roads with less relief is wrong by 0.14 and 0.05 m."""
-    road = a_lane(centre=0.2, width=3.5, curvature=1 / 150, vertical=vertical)
+    """A fit of roads with less relief is wrong by 0.08 and 0.27 m."""
+    road = a_lane(centre=0.2, width=3.5, vertical=vertical)
     shown, ahead = (lines_on_view(road[None], ROWS_M + more_m, HEIGHT_M)[0].ravel() for more_m in (0, 0.01))
     seen = np.isfinite(shown + ahead) & (np.abs(shown) < 12)
     x_m, y_m, slope = np.tile(ROWS_M, 2)[seen], shown[seen], ((ahead - shown) / 0.01)[seen]
@@ -86,7 +86,7 @@ def test_a_search_follows_a_road_that_undulates(vertical):
     _, fit = fit_starts(vote_lanes(stripes, VIEW, PRIOR)[1], stripes, VIEW)
     for side in SIDES:
         at_m = np.array([8.0, 15.0, 25.0])
-        np.testing.assert_allclose(line_y(at_m, fit.lanes[0], side), line_y(at_m, road, side), atol=0.045)
+        np.testing.assert_allclose(line_y(at_m, fit.lanes[0], side), line_y(at_m, road, side), atol=0.01)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 90])
