@@ -99,13 +99,14 @@ def motorway(tmp_path_factory) -> Path:
 
 def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
     stills = [motorway / "still0.jpg", motorway / "still1.jpg"]
-    status, out, _ = run("pose", "--camera", motorway / "lens.yaml", *stills, "-o", tmp_path / "camera.yaml")
+    options = "--camera", motorway / "lens.yaml", "--lane-width", 3.2  # the height is proportional to it
+    status, out, _ = run("pose", *options, *stills, "-o", tmp_path / "camera.yaml")
     found, lens = load_camera(tmp_path / "camera.yaml"), load_camera(motorway / "lens.yaml")
     assert status == 0
     np.testing.assert_array_equal(found.matrix, lens.matrix)
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
     assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
-    assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
+    assert found.pose.height_m == pytest.approx(1.3 * 3.2 / 3.66, abs=0.05)
     assert "pictures 2 of 2 used" in out and "looks left" in out and "camera.yaml" in out
     assert re.search(r"offset and lane width to be good to \d+ cm and \d+% .*curvature twice as much", out)
 
@@ -201,6 +202,9 @@ MISUSE = {
     "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
     "detect: one row": (2, "700 contains no rows", f"{DETECT} {{drive}}/stills --rows 700"),
     "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
+    "detect: rows above the picture": (2, "contains no rows", f"{DETECT} {{drive}}/stills --rows=-20:300:10"),
+    "detect: no rate": (2, "expected a number >= 1", f"{DETECT} {{drive}}/stills --sequence --fps inf"),
+    "detect: lens of no angle": (2, "--lens needs a field of view", "detect --lens pinhole {drive}/sky"),
     "detect: odd lens": (2, "expected a number from 10 to 150", "detect --hfov 5 {drive}/sky"),
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
     "detect: each of a video": (2, "is a video, and --each is for stills", "detect --each {drive}/drive.mp4"),
@@ -208,6 +212,7 @@ MISUSE = {
     "explain: bad minutes": (2, "1:75: expected less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
     "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
     "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
+    "explain: behind the part": (2, "has no frame at 0.6 s", "explain {drive}/drive.mp4 --hfov 60 --end 0.4 --at 0.6"),
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),
     "label: no pictures": (2, "holds neither a video nor an image", "label {drive}/empty"),
     "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),

@@ -13,7 +13,7 @@ import pytest
 
 from lanes.camera import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
-from lanes.drive import DriveSettings, annotate_drive
+from lanes.drive import DriveSettings, annotate_drive, track
 from lanes.errors import VideoError
 from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry
@@ -69,6 +69,7 @@ def annotated(tmp_path_factory, images) -> tuple[dict[str, np.ndarray], dict[str
     path = logs.write_log(folder / "drive.mcap", shown, TIMES_S[kept], camera=SMALL)
     result = annotate_drive(path, settings_for(folder, camera=SMALL, camera_offset_m=CAMERA_OFFSET_M))
     assert result.missing == 2 and result.telemetry["frame"].tolist() == kept
+    assert [file.name for file in result.outputs] == ["drive.mp4", "drive.csv", "drive.lane.mcap"]
     assert inspect_video(path).frames == FRAMES - 2  # a log in the output folder is not overwritten
     return result.telemetry, read_back(folder / "drive.lane.mcap"), stamps_at(TIMES_S[kept])
 
@@ -242,16 +243,18 @@ def test_all_commands_take_the_topic_and_a_part(tmp_path, images, run, monkeypat
     async def ended(*_: object) -> None: ...
 
     monkeypatch.setattr(server, "_serve", ended)
-    outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "explained.png", "label": "labels"}
+    outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "explained.png", "label": "labels", "pose": "pose.yaml"}
     for command, output in outputs.items():
         more = ["--stills", 2, "--no-browser"] if command == "label" else []
         # a camera without a pose: it is that of the images on the topic
         more += ["--hfov", SMALL.hfov_deg] if command == "explain" else ["--camera", tmp_path / "camera.yaml"]
         part = "--topic", "/front", "--start", 0.2, "--end", 0.4
         status, out, _ = run(command, *more, path, "-o", tmp_path / output, *part)
-        assert status == 0 and (command != "explain" or "5 of 5 used" in out)
+        assert status == 0 and ("5 of 5 used" in out) == (command in ("explain", "pose"))
     table = read_telemetry(tmp_path / "out" / "drive.csv")
     assert table["frame"].tolist() == [5, 6, 7, 8, 9] and (table["state"] == "tracking").any()
+    assert "--topic /front --start 0.2" in (tmp_path / "out" / "drive.html").read_text()
+    assert next(track(path, SMALL, start_s=0.2, topic="/front"))[0].number == 5
     assert names(tmp_path / "out") == {f"drive{suffix}" for suffix in (".csv", ".html", ".lane.mcap", ".mp4")}
     stills = [read_image(still) for still in sorted((tmp_path / "labels").glob("*.png"))]
     assert [np.array_equal(*pair) for pair in zip(stills, (images[5], images[8]), strict=True)] == [True, True]

@@ -225,6 +225,7 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, score):
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
+    assert f" and {late - 5} more\n" in said
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
@@ -291,6 +292,12 @@ def test_lateral_errors_at_each_distance(found, errors):
     np.testing.assert_allclose(np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03)
 
 
+def test_medians_and_percentiles_are_those_of_the_sizes_of_the_errors():
+    pairs = [(road_lines(1.8, -1.8), road_lines(*found_m)) for found_m in ((1.8, -1.8), (1.7, -1.5))]
+    row = summarize([score_still(*pair, CAMERA.size, CAMERA) for pair in pairs], DISTANCES)
+    assert (row["15 m"], row["15 m, 95 %"]) == pytest.approx((0.05, 0.27), abs=0.01)
+
+
 def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> StillScore:
     label = lines(upright(), upright(900)) if labelled else lines()
     return score_still(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
@@ -311,7 +318,7 @@ def test_confidence_is_compared_with_the_share_of_right_lanes():
     assert table["0.5 to 0.9"]["mean stated"] == pytest.approx(0.6)
 
 
-HOSTILE = "b/<img src=x onerror=alert(1)>{{data}}.jpg"
+HOSTILE = "b/c/<img src=x onerror=alert(1)>{{data}}.jpg"
 
 
 @pytest.fixture
@@ -426,3 +433,6 @@ def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predict
     assert rows_of(said, "scores")["all"][5] == accuracy
     assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
     assert all(note in said for note in notes)
+    save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml")
+    score(tmp_path, "--camera", tmp_path / "camera.yaml")
+    assert page_data(tmp_path / "page.html")["stills"][0]["size"] == [1920, 1080]  # assumed

@@ -58,10 +58,12 @@ def test_a_process_says_nothing_of_its_own(tmp_path):
 
 
 def test_the_command_to_copy_from_a_report_has_the_options_of_the_camera(tmp_path):
-    drive = write_drive(tmp_path / "drive.mp4", BENDS, 2)
+    drive = write_drive(tmp_path / "my drive.mp4", BENDS, 2)
     given = "--hfov 110.0 --lens pinhole --camera-offset 0.2 --car-width 1.7 --lane-width 3.5 --height 1.3"
     assert main(["annotate", *given.split(), str(drive), "-o", str(tmp_path / "out")]) == 0
-    assert f"python -m lanes explain {given} {drive} --at " in (tmp_path / "out" / "drive.html").read_text()
+    page = (tmp_path / "out" / "my drive.html").read_text()
+    assert f"python -m lanes explain {given} '{drive}' --at " in page
+    assert "0.20 m left of centre of the car, which is 1.7 m wide" in page
 
 
 def test_interrupted(tmp_path):
