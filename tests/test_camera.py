@@ -71,6 +71,9 @@ def test_rays_beyond_the_monotonic_range_give_nan(least):
     assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
     assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
     assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
+    rational, fisheye = np.array([0, 0, 0, 0, 0, 0.5, least, least]), np.array([-0.3, least, 0, 0])
+    assert replace(folding, distortion=rational).largest_ray == pytest.approx(np.sqrt(2))
+    assert replace(folding, distortion=fisheye).largest_ray == pytest.approx(np.tan(np.sqrt(1 / 0.9)))
 
 
 @pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
@@ -133,6 +136,7 @@ def test_each_lens_model_is_that_of_opencv_and_stays_in_the_file(tmp_path, disto
         ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
         ("distortion_coefficients", {"data": [0.1] * 3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
+        ("pose", {"height_m": 25.0}),
         ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
     ],

@@ -150,7 +150,7 @@ def test_explain_names_the_failed_step(road, tmp_path, run):
 
 
 def test_explain_a_frame_of_a_video_as_annotate_tracks_it(drive, tmp_path, run):
-    source = ["--camera", drive / "drive.yaml", drive / "drive.mp4"]
+    source = ["--camera", drive / "lens.yaml", drive / "drive.mp4"]
     run("annotate", *source, "--start", 0.2, "--no-report", "-o", tmp_path)
     status, out, _ = run("explain", *source, "--start", 0.2, "--at", 0.6, "-o", tmp_path / "why.png")
     rows = read_telemetry(tmp_path / "drive.csv")
@@ -158,6 +158,7 @@ def test_explain_a_frame_of_a_video_as_annotate_tracks_it(drive, tmp_path, run):
     assert status == 0 and (tmp_path / "why.png").is_file()
     assert f"prediction {rows['state'][row - 1]}, lane known for 0.40 s and last seen 0.04 s ago" in out
     assert f"offset     {abs(rows['offset_m'][row]):.2f} ± " in out
+    assert f"confidence {rows['confidence'][row]:.0%}" in out
     status, out, _ = run("explain", *source, "-o", tmp_path / "why.png")
     assert status == 0 and re.search("state      (searching|tracking)", out) and "prediction" not in out
 
@@ -188,9 +189,18 @@ MISUSE = {
     "starts after the end": (2, "lasts 0.8 s; begin before", f"{ANNOTATE} {{drive}}/drive.mp4 --start 50"),
     "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
     "outputs of one name": (2, "would be written from", f"{ANNOTATE} {{drive}}/drive.mp4 {{drive}}/sky/../drive.mp4"),
-    "the same on Dask": (2, "annotate them into", f"{ANNOTATE} {{drive}}/drive.mp4 {{drive}}/sky/../drive.mp4 --workers 2"),
+    "the same on Dask": (
+        2,
+        "annotate them into",
+        f"{ANNOTATE} {{drive}}/drive.mp4 {{drive}}/sky/../drive.mp4 --workers 2",
+    ),
     "stills of one name": (2, "would be written from", f"{ANNOTATE} {{drive}}/cut.png {{drive}}/sky/../cut.png"),
     "not writable": (1, "cannot be written", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}/file/out"),
+    "no video, not writable": (
+        2,
+        "cannot be written",
+        f"{ANNOTATE} {{drive}}/text.mp4 {{drive}}/drive.mp4 -o {{drive}}/file/a",
+    ),
     "unknown command": (2, "there is no command anotate; did you mean annotate?", "anotate {drive}/drive.mp4"),
     "topic of an mp4": (2, "drive.mp4: is no robot log", f"{ANNOTATE} {{drive}}/drive.mp4 --topic /front"),
     "pose: no lane": (1, "none of 1 pictures shows a likely lane, so the pose", "pose {drive}/sky --hfov 60"),

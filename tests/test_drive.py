@@ -103,14 +103,20 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
 def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     """With the pose of the drive no lane is likely; with that of one image there is one. The report has both facts."""
     wrong = SMALL.with_pose(replace(SMALL.pose, pitch_rad=0.25))
-    assumed = PoseEstimate(wrong, 0.3, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
-    assumed = replace(assumed, notes=("no lane decides on the pose",))
+    assumed = PoseEstimate(wrong, 0.0, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
+    assumed, heights_m = replace(assumed, notes=("no lane decides on the pose",)), set()
     monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
-    monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
+
+    def estimate(*_: object, height_m: float, **__: object) -> PoseEstimate:
+        heights_m.add(height_m)
+        return replace(assumed, still=still)
+
+    monkeypatch.setattr("lanes.drive.estimate_pose", estimate)
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
     words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
     (begin,) = re.findall(words, result.description)
+    assert heights_m == {SMALL.pose.height_m}  # as given
     assert "<li>no lane decides on the pose</li>" in (tmp_path / "drive.html").read_text()
     table = result.telemetry
     assert float(begin) == pytest.approx(table["time_s"][table["pose_pitch_rad"] == SMALL.pose.pitch_rad][0], abs=0.051)

@@ -38,6 +38,8 @@ def test_odd_files_are_refused_by_name(tmp_path):
     for name in ("gone/too", "long" * 99, "nul\0"):
         with pytest.raises(FileNotFoundError, match="no such test file"):
             require_file(tmp_path / name, "test", error=CustomError)
+    (tmp_path / "a").write_text("\ufeffof Windows", encoding="utf-8")
+    assert read_text(tmp_path / "a", "test") == "of Windows"
     (tmp_path / "a").write_bytes(b"1234\xff")
     with pytest.raises(CustomError, match="byte 4 is not UTF-8"):
         read_text(tmp_path / "a", "test", error=CustomError)

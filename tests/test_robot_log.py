@@ -243,7 +243,13 @@ def test_all_commands_take_the_topic_and_a_part(tmp_path, images, run, monkeypat
     async def ended(*_: object) -> None: ...
 
     monkeypatch.setattr(server, "_serve", ended)
-    outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "explained.png", "label": "labels", "pose": "pose.yaml"}
+    outputs = {
+        "annotate": "out",
+        "detect": "lanes.jsonl",
+        "explain": "explained.png",
+        "label": "labels",
+        "pose": "pose.yaml",
+    }
     for command, output in outputs.items():
         more = ["--stills", 2, "--no-browser"] if command == "label" else []
         # a camera without a pose: it is that of the images on the topic

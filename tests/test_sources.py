@@ -40,6 +40,7 @@ def test_the_name_decides_what_a_file_is(tmp_path):
     assert [path.name for path in found.stills] == ["a.jfif", "b.jpe", "c.avif", "d.png"]
     assert [path.name for path in found.videos] == [*videos, "k.gif"]
     assert [path.name for path in found.skipped] == ["camera.yaml", "l", "metadata.yaml", "notes.txt"]
+    assert [path.name for path in find_sources([f"{tmp_path}/**/*.3gp"]).videos] == ["g.3gp"]
     for still in found.stills:
         assert np.abs(read_image(still).astype(int) - 90).max() < 4
     named = find_sources([str(tmp_path / "l")])
