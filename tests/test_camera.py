@@ -241,11 +241,9 @@ def test_what_opencv_writes_is_read(tmp_path, names, head):
     assert ours.getNode("pose").getNode("height_m").real() == 1.4
     path = tmp_path / "opencv.yml"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    storage.write("calibration_time", "Thu 26 Nov 2026 10:00:00")
-    storage.write("image_width", 1280)
-    storage.write("image_height", 800)
-    storage.write(names[0], LENS.matrix)
-    storage.write(names[1], LENS.distortion.reshape(5, 1))
+    entries = {"calibration_time": "Thu 26 Nov 2026 10:00:00", "image_width": 1280, "image_height": 800}
+    for name, value in (entries | {names[0]: LENS.matrix, names[1]: LENS.distortion.reshape(5, 1)}).items():
+        storage.write(name, value)
     storage.release()
     path.write_text(re.sub(r"\A%YAML[ :][\d.]+", head, path.read_text()))
     assert path.read_text().startswith(head) and "!!opencv-matrix" in path.read_text()

@@ -13,7 +13,7 @@ from PIL import Image
 
 from lanes.camera import CalibrationReport, Camera, save_camera
 from lanes.detect.search import detect_still
-from lanes.drive import Annotation, DriveSettings, annotate
+from lanes.drive import Annotation, DriveSettings, annotate, make_tracker
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
@@ -104,14 +104,11 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     """With the pose of the drive no lane is likely; with that of one image there is one. The report has both facts."""
     wrong = SMALL.with_pose(replace(SMALL.pose, pitch_rad=0.25))
     assumed = PoseEstimate(wrong, 0.0, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
-    assumed, heights_m = replace(assumed, notes=("no lane decides on the pose",)), set()
+    assumed, heights_m = replace(assumed, notes=("no lane decides on the pose",), confidence_shift=-2.0), set()
+    assert make_tracker(25, SMALL, assumed, None).update(BENDS.frame(0)).confidence_shift == -2
     monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
-
-    def estimate(*_: object, height_m: float, **__: object) -> PoseEstimate:
-        heights_m.add(height_m)
-        return replace(assumed, still=still)
-
+    estimate = lambda *_, height_m, **__: heights_m.add(height_m) or replace(assumed, still=still)  # noqa: E731
     monkeypatch.setattr("lanes.drive.estimate_pose", estimate)
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
     words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
@@ -144,10 +141,7 @@ def test_a_calibrated_camera_is_turned_as_the_file_says(tmp_path, orientation, d
 
 
 def test_detect_and_annotate_agree_over_a_hole_in_the_video(tmp_path):
-    """The car moves on while nothing is recorded: the tracker must be told the time, by every command.
-
-    After five minutes it starts again, which is said.
-    """
+    """The car moves on while nothing is recorded: all commands must tell the tracker the time, and say a jump of it."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
         for number in (*range(12), *range(110, 133)):
             writer.write(BENDS.frame(number / 25), number / 25 + (300 if number >= 130 else 0))
@@ -234,18 +228,16 @@ def test_a_mirrored_drive_is_tracked_as_players_show_it_and_said(tmp_path, drive
 
 def test_the_result_names_the_median_confidence(drive, tmp_path):
     """Also if it is low: "tracked in 100 %" alone says too much of a lane that is unlikely."""
-    doubtful = replace(SMALL, pose=replace(SMALL.pose, pitch_rad=SMALL.pose.pitch_rad + np.radians(4)))
-    medians = []
-    for number, camera in enumerate((SMALL, doubtful)):
-        results = quietly([drive / "drive.mp4", drive / "stills"], tmp_path / str(number), camera, report=False)
-        for result in results:
-            known = result.telemetry["state"] != "lost"
-            medians.append(np.median(result.telemetry["confidence"][known]) if known.any() else None)
-            words = "lost for" if "drive.mp4" in result.description else "no lane in"
+    sources, medians = [drive / "drive.mp4", drive / "stills"], []
+    for down_deg in (0, 4):
+        results = quietly(sources, tmp_path / str(down_deg), pitched(BENDS, down_deg).camera, report=False)
+        for result, words in zip(results, ("lost for", "no lane in"), strict=True):
+            known = result.telemetry["confidence"][result.telemetry["state"] != "lost"]
             line = next(line for line in result.description.splitlines() if words in line)
-            assert known.any() == ("median confidence" in line)
-            assert medians[-1] is None or f", median confidence {medians[-1]:.2f};" in line
-    assert medians[0] > 0.8 and medians[1] > 0.8 and (medians[2] is None or medians[2] < 0.5)
+            medians.append(np.median(known) if len(known) else 0.0)
+            assert bool(len(known)) == ("median confidence" in line)
+            assert not len(known) or f", median confidence {medians[-1]:.2f};" in line
+    assert min(medians[:2]) > 0.8 and medians[2] < 0.5
     write_image(tmp_path / "grey.png", GREY)
     (result,) = quietly(tmp_path / "grey.png", tmp_path / "grey", report=False)
     assert "no lane in 100% of them; wrote" in result.description

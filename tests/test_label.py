@@ -188,11 +188,6 @@ def session(folder):
         yield session
 
 
-def both_lines(time_s: float) -> list:
-    rng = np.random.default_rng(3)
-    return [choose_clicks(BENDS, time_s, lateral_m, rng).round(1).tolist() for lateral_m in (1.8, -1.8)]
-
-
 def our_lines(session: Labelling, number: int) -> dict:
     for _ in range(200):
         answer = json.loads(session.ask(f"ours/{number}")[1])
@@ -256,7 +251,8 @@ def test_marks_that_are_none_are_refused_with_a_sentence(session, folder):
 
 
 def test_our_lines_come_only_after_the_label_is_saved(session):
-    points = both_lines(TIMES_S[0])
+    rng = np.random.default_rng(3)
+    points = [choose_clicks(BENDS, TIMES_S[0], lateral_m, rng).round(1).tolist() for lateral_m in (1.8, -1.8)]
     session.mark(0, points)
     refused = json.loads(session.ask("ours/0")[1])
     assert "lanes" not in refused and "Save the label first" in refused["error"]

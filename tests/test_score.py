@@ -91,11 +91,7 @@ def test_the_ego_lane_among_lines(name):
 
 # Names of the labels, names of the predictions, and which prediction is that of each label.
 PAIRS = {
-    "by the end of the path": (
-        ["clips/1/20.jpg", "clips/2/20.jpg"],
-        ["/data/clips/2/20.jpg", "/x/3/20.jpg"],
-        [None, 0],
-    ),
+    "by the end of the path": (["a/1/20.jpg", "a/2/20.jpg"], ["/data/a/2/20.jpg", "/x/3/20.jpg"], [None, 0]),
     "not of other folders": (["day/1.jpg"], [f"/data/{name}/1.jpg" for name in ("night", "day", "rain")], [1]),
     "of Windows": (["clips\\1\\20.png", "clips\\2\\20.png"], ["D:\\clips\\2\\20.png", "D:\\clips\\1\\20.png"], [1, 0]),
 }
@@ -122,7 +118,8 @@ def test_predictions_without_rows_are_at_those_of_their_label(tmp_path):
 
 
 ONE, OTHER = entry("a.png", lines(upright())), entry("b.png", lines(upright()))
-TWICE = "two labels or two predictions are for the same picture"
+TWICE = "found.jsonl: two labels or two predictions are for the same picture"
+NO_LABEL = "labels.jsonl: line 1 is not a label"
 
 
 @pytest.mark.parametrize(
@@ -130,31 +127,21 @@ TWICE = "two labels or two predictions are for the same picture"
     [
         ([ONE, ONE], [ONE], TWICE),
         ([ONE], [ONE, ONE], TWICE),
-        ([ONE], [OTHER], "has no prediction for any labelled image"),
+        ([ONE], [OTHER], "found.jsonl: has no prediction for any labelled image"),
+        ([ONE, ONE | {"raw_file": 3}], [ONE], "labels.jsonl: line 2 is not a label"),
+        ([ONE | {"lanes": {"0": [1]}}], [ONE], NO_LABEL),
+        ([ONE | {"sides": ["left", "right"]}], [ONE], NO_LABEL),
+        ([ONE | {"sides": ["left"], "lanes": [upright().tolist()] * 2}], [ONE], NO_LABEL),
+        ([ONE | {"confidence": 1.5}], [ONE], NO_LABEL),
+        ([ONE | {"raw_file": "x/../../a.png"}], [ONE], "labels.jsonl: the picture 'x/../../a.png' lies outside"),
+        ([ONE | {"raw_file": "..\\a.png"}], [ONE], "labels.jsonl: the picture '../a.png' lies outside"),
+        ([ONE | {"raw_file": "a\0.png"}], [ONE], "labels.jsonl: .*lies outside"),
     ],
 )
-def test_files_that_cannot_be_paired_are_refused(tmp_path, labels, found, words):
-    with pytest.raises(ValueError, match=f"found.jsonl: {words}"):
-        read_pairs(tmp_path, labels, found)
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ({"raw_file": 3}, "line 2 is not a label"),
-        ({"lanes": {"0": [1]}}, "line 2 is not a label"),
-        ({"sides": ["left", "right"]}, "line 2 is not a label"),
-        ({"sides": ["left"], "lanes": [upright().tolist()] * 2}, "line 2 is not a label"),
-        ({"confidence": 1.5}, "line 2 is not a label"),
-        ({"raw_file": "x/../../a.png"}, "the picture 'x/../../a.png' lies outside"),
-        ({"raw_file": "..\\a.png"}, "the picture '../a.png' lies outside"),
-        ({"raw_file": "a\0.png"}, "lies outside"),
-    ],
-)
-def test_other_files_are_refused_with_the_line(tmp_path, more, words):
+def test_files_that_cannot_be_paired_or_read_are_refused(tmp_path, labels, found, words):
     """More of them: tests/support/bad_files.py, and any content in tests/properties/test_any_file.py."""
-    with pytest.raises(ValueError, match=rf"labels\.jsonl: .*{words}"):
-        read_pairs(tmp_path, [ONE, ONE | more], [ONE])
+    with pytest.raises(ValueError, match=words):
+        read_pairs(tmp_path, labels, found)
 
 
 # Scores.
