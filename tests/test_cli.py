@@ -98,9 +98,8 @@ def motorway(tmp_path_factory) -> Path:
 
 
 def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
-    stills = [motorway / "still0.jpg", motorway / "still1.jpg"]
-    options = "--camera", motorway / "lens.yaml", "--lane-width", 3.2  # the height is proportional to it
-    status, out, _ = run("pose", *options, *stills, "-o", tmp_path / "camera.yaml")
+    options = "--lane-width", 3.2, "--camera", motorway / "lens.yaml"  # the height is proportional to the width
+    status, out, _ = run("pose", *options, *motorway.glob("*.jpg"), "-o", tmp_path / "camera.yaml")
     found, lens = load_camera(tmp_path / "camera.yaml"), load_camera(motorway / "lens.yaml")
     assert status == 0
     np.testing.assert_array_equal(found.matrix, lens.matrix)

@@ -32,8 +32,8 @@ from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import names
 from tests.support.robot_logs import TINY, TINY_TIMES_S, shades, stamp_images, stamps_at, write_messages
 
-# Names with signs of addresses are those of files, too.
-KINDS = ("drive.bag", "what?50%25.db3", "drive#2.mcap", "folder")
+# Names with signs of addresses are those of files, too; capitals do not matter.
+KINDS = ("drive.bag", "what?50%25.db3", "DRIVE#2.MCAP", "folder")
 FRAMES = 20
 TIMES_S = np.arange(FRAMES) / FPS
 DARK = {0, 1, 2, 17, 18, 19}

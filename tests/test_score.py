@@ -420,6 +420,5 @@ def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predict
     assert rows_of(said, "scores")["all"][5] == accuracy
     assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
     assert all(note in said for note in notes)
-    save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml")
-    score(tmp_path, "--camera", tmp_path / "camera.yaml")
+    score(tmp_path, "--camera", save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml"))
     assert page_data(tmp_path / "page.html")["stills"][0]["size"] == [1920, 1080]  # assumed
