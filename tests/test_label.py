@@ -101,10 +101,12 @@ def test_what_another_program_writes_meanwhile_stays(stills):
     assert json.loads(path.read_text().splitlines()[2]) == theirs
     assert kept.label(1)["lanes"] == [[7, 8]]  # opened again, it can be changed
     assert kept.mark(1, [LEFT, RIGHT], save=True)["saved"] == [True, True]
-    path.write_text("{")
-    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
-        kept.mark(1, [LEFT, None], save=True)
-    assert path.read_text() == "{"
+    for text in ("{", "[1]\n", '{"lanes": []}\n'):
+        path.write_text(text)
+        for use in (lambda: kept.mark(1, [LEFT, None], save=True), lambda: open_session(stills)):
+            with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
+                use()
+        assert path.read_text() == text
 
 
 def test_a_label_that_was_compared_stays_as_it_is(stills):
@@ -141,13 +143,6 @@ def test_marks_of_the_still_before_are_proposed_on_the_paint_of_this_one(stills)
     write_image(stills / "c.png", np.full((180, 300, 3), 90, np.uint8))
     with pytest.raises(LaneError, match="another size"):
         open_session(stills, "a.png", "c.png").propose(1)
-
-
-@pytest.mark.parametrize("text", ["[1]\n", '{"lanes": []}\n'])
-def test_a_damaged_file_of_labels_is_named(stills, text):
-    (stills / "labels.jsonl").write_text(text)
-    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
-        open_session(stills)
 
 
 def test_stills_are_spread_over_the_video_and_kept(tmp_path):
