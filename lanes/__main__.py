@@ -16,8 +16,6 @@ from functools import partial
 from itertools import islice
 from pathlib import Path
 
-import numpy as np
-
 from lanes import __version__
 from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
 from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
@@ -44,7 +42,7 @@ from lanes.many import annotate_many
 from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
 from lanes.sources import Sources, find_sources, require_topic, sample_images
-from lanes.video.reader import STAMP_TOLERANCE_S, count_missing, inspect_video, read_frames
+from lanes.video.reader import STAMP_TOLERANCE_S, count_lost, inspect_video, read_frames
 
 
 class Calibrate:
@@ -229,8 +227,8 @@ class Detect:
         for video in sources.videos:
             frames = list(detect_in_video(video, settings, options.rows))
             found += frames
-            before = [] if settings.start_s else [-1]
-            missing += count_missing(np.diff([*before, *(frame["frame"] for frame in frames)]) - 1)
+            numbers, info = [frame["frame"] for frame in frames], inspect_video(video, topic=settings.topic)
+            missing += count_lost(info, numbers, settings.start_s, settings.end_s)
         if options.sequence and sources.stills:
             found += detect_in_sequence(sources.stills, settings, options.rows, fps=options.fps)
         elif sources.stills:

@@ -28,6 +28,7 @@ from lanes.errors import VideoError
 from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report import frame_lengths_s, seconds_lost, share_tracked
+from lanes.sources import require_distinct_outputs
 from lanes.video.robot_log import file_of_log
 
 if TYPE_CHECKING:
@@ -86,11 +87,12 @@ def annotate_many(
 ) -> tuple[list[FinishedDrive], list[Exception]]:
     """Annotate the videos that are not finished yet, and write a table of all, failed ones and the worst ones first.
 
-    Returns the finished drives, also those of earlier runs, and an error for each other drive. The videos have distinct
-    file names: the outputs are named after them. `workers` is the number of processes on this machine (default: one per
-    core); those of the Dask scheduler with the address `scheduler` are used instead if it is given. `log` is called
-    with a message for each event. Raises OSError if Dask cannot be used or the table cannot be written.
+    Returns the finished drives, also those of earlier runs, and an error for each other drive. `workers` is the number
+    of processes on this machine (default: one per core); those of the Dask scheduler with the address `scheduler` are
+    used instead if it is given. `log` is called with a message for each event. Raises OSError if Dask cannot be used or
+    the table cannot be written, and ValueError if an output would overwrite a video or another output.
     """
+    require_distinct_outputs(videos, [output_path(video, settings.output) for video in videos])
     settings = replace(settings, output=settings.output.absolute(), progress=False)
     finished: list[FinishedDrive] = []
     unfinished: list[DriveJob] = []

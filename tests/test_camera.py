@@ -71,6 +71,9 @@ def test_rays_beyond_the_monotonic_range_give_nan(least):
     assert folding.largest_ray == pytest.approx(np.sqrt(1 / 0.9))
     assert np.isnan(folding.road_to_pixels(np.array([[2.0, 8.0]]))).all()
     assert replace(folding, distortion=np.array([0.3, least, 0, 0, least])).largest_ray > 1e6
+    rational, fisheye = np.array([0, 0, 0, 0, 0, 0.5, least, least]), np.array([-0.3, least, 0, 0])
+    assert replace(folding, distortion=rational).largest_ray == pytest.approx(np.sqrt(2))
+    assert replace(folding, distortion=fisheye).largest_ray == pytest.approx(np.tan(np.sqrt(1 / 0.9)))
 
 
 @pytest.mark.parametrize("size", [(640, 360), (2560, 1440)])
@@ -133,6 +136,7 @@ def test_each_lens_model_is_that_of_opencv_and_stays_in_the_file(tmp_path, disto
         ("distortion_coefficients", {"data": [6e307, 0.02, 0.0005, -0.0003, 0.0]}),
         ("distortion_coefficients", {"data": [0.1] * 3}),
         ("pose", {"height_m": 1.3, "pitch_rad": 3.0}),
+        ("pose", {"height_m": 25.0}),
         ("pose", {"height_m": 1.3, "tilt_rad": 0.1}),
         ("calibration", {"rms_px": 0.3, "board_rms_px": {"a.jpg": "good"}, "date": 1}),
     ],
@@ -237,11 +241,9 @@ def test_what_opencv_writes_is_read(tmp_path, names, head):
     assert ours.getNode("pose").getNode("height_m").real() == 1.4
     path = tmp_path / "opencv.yml"
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
-    storage.write("calibration_time", "Thu 26 Nov 2026 10:00:00")
-    storage.write("image_width", 1280)
-    storage.write("image_height", 800)
-    storage.write(names[0], LENS.matrix)
-    storage.write(names[1], LENS.distortion.reshape(5, 1))
+    entries = {"calibration_time": "Thu 26 Nov 2026 10:00:00", "image_width": 1280, "image_height": 800}
+    for name, value in (entries | {names[0]: LENS.matrix, names[1]: LENS.distortion.reshape(5, 1)}).items():
+        storage.write(name, value)
     storage.release()
     path.write_text(re.sub(r"\A%YAML[ :][\d.]+", head, path.read_text()))
     assert path.read_text().startswith(head) and "!!opencv-matrix" in path.read_text()

@@ -23,7 +23,7 @@ from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS, SMALL
-from tests.support.painted_roads import YELLOW, Road, dashcam, paint_motorway
+from tests.support.painted_roads import paint_motorway
 from tests.support.project import names
 
 FRAMES = 20
@@ -36,8 +36,8 @@ def drive(tmp_path_factory) -> Path:
     write_drive(folder / "drive.mp4", BENDS, FRAMES)
     for number in range(3):
         write_image(folder / "stills" / f"still{number}.png", BENDS.frame(number / 2))
+    write_image(folder / "half.png", cv2.resize(BENDS.frame(0.0), (320, 180)))
     save_camera(SMALL.with_pose(None), folder / "lens.yaml")
-    (folder / "bad.yaml").write_text("image_width: many\n")
     (folder / "text.mp4").write_text("no video at all")
     (folder / "empty").mkdir()
     (folder / "file").write_text("in the way")
@@ -98,14 +98,14 @@ def motorway(tmp_path_factory) -> Path:
 
 
 def test_pose_from_stills_with_a_calibrated_lens(motorway, tmp_path, run):
-    stills = [motorway / "still0.jpg", motorway / "still1.jpg"]
-    status, out, _ = run("pose", "--camera", motorway / "lens.yaml", *stills, "-o", tmp_path / "camera.yaml")
+    options = "--lane-width", 3.2, "--camera", motorway / "lens.yaml"  # the height is proportional to the width
+    status, out, _ = run("pose", *options, *motorway.glob("*.jpg"), "-o", tmp_path / "camera.yaml")
     found, lens = load_camera(tmp_path / "camera.yaml"), load_camera(motorway / "lens.yaml")
     assert status == 0
     np.testing.assert_array_equal(found.matrix, lens.matrix)
     assert np.degrees(found.pose.pitch_rad) == pytest.approx(3.0, abs=0.2)
     assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
-    assert found.pose.height_m == pytest.approx(1.3, abs=0.05)
+    assert found.pose.height_m == pytest.approx(1.3 * 3.2 / 3.66, abs=0.05)
     assert "pictures 2 of 2 used" in out and "looks left" in out and "camera.yaml" in out
     assert re.search(r"offset and lane width to be good to \d+ cm and \d+% .*curvature twice as much", out)
 
@@ -122,27 +122,16 @@ def test_pose_from_a_video_with_a_field_of_view_and_a_measured_height(motorway, 
 # --- explain
 
 
-@pytest.fixture(scope="module")
-def road(tmp_path_factory) -> Path:
-    """A still of a road, the same at half the size, its camera file, and a grey still."""
-    folder, camera = tmp_path_factory.mktemp("explain"), dashcam(width=640)
-    save_camera(camera, folder / "camera.yaml")
-    road = Road(camera).lines(2.0, colour=YELLOW).lines(-1.6)
-    write_image(folder / "half.png", cv2.resize(road.image(), (320, 180)))
-    write_image(folder / "grey.png", np.full((camera.height, camera.width, 3), 90, np.uint8))
-    return folder
-
-
-def test_explain_a_picture_of_half_the_size(road, tmp_path, run):
+def test_explain_a_picture_of_half_the_size(drive, tmp_path, run):
     figure = tmp_path / "new" / "explained.png"
-    status, out, err = run("explain", road / "half.png", "--camera", road / "camera.yaml", "-o", figure)
+    status, out, err = run("explain", drive / "half.png", "--camera", drive / "drive.yaml", "-o", figure)
     assert (status, err) == (0, "")
     assert "offset     0.2" in out and "failed at" not in out and out.endswith(f"wrote {figure}\n")
     assert read_image(figure).shape[1] > 1200
 
 
-def test_explain_names_the_failed_step(road, tmp_path, run):
-    status, out, _ = run("explain", road / "grey.png", "--hfov", 60, "-o", tmp_path / "why.png")
+def test_explain_names_the_failed_step(drive, tmp_path, run):
+    status, out, _ = run("explain", drive / "sky" / "sky.png", "--hfov", 60, "-o", tmp_path / "why.png")
     assert status == 0 and (tmp_path / "why.png").is_file()
     assert "height and roll are assumed" in out.partition("failed at  pose:")[2]
     assert "what to do The pose was estimated from these files: give the field of view (--hfov)" in out
@@ -157,6 +146,7 @@ def test_explain_a_frame_of_a_video_as_annotate_tracks_it(drive, tmp_path, run):
     assert status == 0 and (tmp_path / "why.png").is_file()
     assert f"prediction {rows['state'][row - 1]}, lane known for 0.40 s and last seen 0.04 s ago" in out
     assert f"offset     {abs(rows['offset_m'][row]):.2f} ± " in out
+    assert f"confidence {rows['confidence'][row]:.0%}" in out
     status, out, _ = run("explain", *source, "-o", tmp_path / "why.png")
     assert status == 0 and re.search("state      (searching|tracking)", out) and "prediction" not in out
 
@@ -176,6 +166,7 @@ def test_messages_of_annotate_name_its_own_options():
 # (more bad files: tests/end_to_end/test_bad_input.py)
 
 ANNOTATE = "annotate --camera {drive}/drive.yaml"
+TWICE = "{drive}/drive.mp4 {drive}/sky/../drive.mp4"
 DETECT = "detect --camera {drive}/drive.yaml"
 # Exit status, words of the message, and the command; -o is added where it has none.
 MISUSE = {
@@ -186,7 +177,11 @@ MISUSE = {
     "ends before it starts": (2, "not after --start", f"{ANNOTATE} {{drive}}/drive.mp4 --start 2 --end 1"),
     "starts after the end": (2, "lasts 0.8 s; begin before", f"{ANNOTATE} {{drive}}/drive.mp4 --start 50"),
     "over its own input": (2, "one of the inputs", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}"),
+    "outputs of one name": (2, "would be written from", f"{ANNOTATE} {TWICE}"),
+    "outputs of one name on Dask": (2, "would be written from", f"{ANNOTATE} {TWICE} --workers 2"),
+    "stills of one name": (2, "would be written from", f"{ANNOTATE} {{drive}}/cut.png {{drive}}/sky/../cut.png"),
     "not writable": (1, "cannot be written", f"{ANNOTATE} {{drive}}/drive.mp4 -o {{drive}}/file/out"),
+    "two faults": (2, "cannot be written", f"{ANNOTATE} {{drive}}/text.mp4 {{drive}}/drive.mp4 -o {{drive}}/file/a"),
     "unknown command": (2, "there is no command anotate; did you mean annotate?", "anotate {drive}/drive.mp4"),
     "topic of an mp4": (2, "drive.mp4: is no robot log", f"{ANNOTATE} {{drive}}/drive.mp4 --topic /front"),
     "pose: no lane": (1, "none of 1 pictures shows a likely lane, so the pose", "pose {drive}/sky --hfov 60"),
@@ -198,13 +193,19 @@ MISUSE = {
     "pose: odd height": (2, "0.5 to 4.5", "pose --hfov 60 --height 0 {drive}/drive.mp4"),
     "detect: one row": (2, "700 contains no rows", f"{DETECT} {{drive}}/stills --rows 700"),
     "detect: odd rows": (2, "a:b is not a row range", f"{DETECT} {{drive}}/stills --rows a:b"),
+    "detect: rows above the picture": (2, "contains no rows", f"{DETECT} {{drive}}/stills --rows=-20:300:10"),
+    "detect: no rate": (2, "expected a number >= 1", f"{DETECT} {{drive}}/stills --sequence --fps inf"),
+    "detect: lens of no angle": (2, "--lens needs a field of view", "detect --lens pinhole {drive}/sky"),
     "detect: odd lens": (2, "expected a number from 10 to 150", "detect --hfov 5 {drive}/sky"),
     "detect: each of a sequence": (2, "omit --each", "detect --each --sequence {drive}/stills"),
     "detect: each of a video": (2, "is a video, and --each is for stills", "detect --each {drive}/drive.mp4"),
     "explain: time in a still": (2, "has no frame at 2 s", "explain {drive}/sky/sky.png --hfov 60 --at 2"),
     "explain: bad minutes": (2, "1:75: expected less than 60", "explain {drive}/drive.mp4 --hfov 60 --at 1:75"),
+    "annotate: camera beside the car": (2, "-2 to 2", "annotate --camera-offset 65 {drive}/drive.mp4"),
+    "detect: height again": (2, "file holds a pose; omit --height", f"{DETECT} {{drive}}/stills --height 1.3"),
     "annotate: wide car": (2, "0.5 to 3.5", "annotate {drive}/drive.mp4 --hfov 60 --car-width 9"),
     "explain: late time": (2, "lasts 0.8 s; give an --at", "explain {drive}/drive.mp4 --hfov 60 --at 3"),
+    "explain: behind the part": (2, "has no frame at 0.6 s", "explain {drive}/drive.mp4 --hfov 60 --end 0.4 --at 0.6"),
     "explain: odd figure": (2, "cannot write this kind", "explain {drive}/sky/sky.png --hfov 60 -o out.gif"),
     "label: no pictures": (2, "holds neither a video nor an image", "label {drive}/empty"),
     "calibrate: no board": (2, "no chessboard of 7x5 inner corners", "calibrate {drive}/sky --pattern 7x5"),

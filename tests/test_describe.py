@@ -9,47 +9,38 @@ import sys
 import pytest
 
 from lanes.console import progress_line, seconds
-from lanes.describe import describe_bend, describe_offset
+from lanes.describe import describe_bend, describe_heading, describe_offset
 
 
 @pytest.mark.parametrize(
-    ("curvature_per_m", "std_per_m", "text"),
+    ("describe", "numbers", "text"),
     [
-        (-1 / 644, 0.0, "bends right, R 640 m"),
-        (1 / 2990, 0.0, "bends left, R 2990 m"),
-        (1 / 54_000, 0.0, "straight (R > 3 km)"),
-        (-1 / 3001, 0.0, "straight (R > 3 km)"),
-        (0.0, 1e-4, "straight (R > 3 km)"),
-        (1 / 37.4, 1e-3, "bends left, R 37 m"),
-        (-5e-4, 4.8e-4, "bends right, R 2000 m"),
-        (5e-4, 5.2e-4, "straight (R > 1000 m)"),
-        (1 / 63, 0.02, "bend unknown"),
-        (None, 0.0, "bend unknown"),
-    ],
-)
-def test_bend(curvature_per_m, std_per_m, text):
-    assert describe_bend(curvature_per_m, std_per_m) == text
-
-
-@pytest.mark.parametrize(
-    ("offset_m", "std_m", "text"),
-    [
-        (0.124, None, "0.12 m left of centre"),
-        (-0.3, None, "0.30 m right of centre"),
-        (-0.004, None, "in the centre"),
-        (None, None, "offset unknown"),
-        (0.124, 0.023, "0.12 ± 0.02 m left of centre"),
+        (describe_bend, (-1 / 644,), "bends right, R 640 m"),
+        (describe_bend, (1 / 2990, 0.0), "bends left, R 2990 m"),
+        (describe_bend, (1 / 54_000, 0.0), "straight (R > 3 km)"),
+        (describe_bend, (-1 / 3001, 0.0), "straight (R > 3 km)"),
+        (describe_bend, (0.0, 1e-4), "straight (R > 3 km)"),
+        (describe_bend, (1 / 37.4, 1e-3), "bends left, R 37 m"),
+        (describe_bend, (-5e-4, 4.8e-4), "bends right, R 2000 m"),
+        (describe_bend, (5e-4, 5.2e-4), "straight (R > 1000 m)"),
+        (describe_bend, (1 / 63, 0.02), "bend unknown"),
+        (describe_bend, (None, 0.0), "bend unknown"),
+        (describe_offset, (0.124, None), "0.12 m left of centre"),
+        (describe_offset, (-0.3,), "0.30 m right of centre"),
+        (describe_offset, (-0.004, None), "in the centre"),
+        (describe_offset, (None, None), "offset unknown"),
+        (describe_offset, (0.124, 0.023), "0.12 ± 0.02 m left of centre"),
         # no standard deviation is stated as zero
-        (-0.3, 0.004, "0.30 ± 0.01 m right of centre"),
+        (describe_offset, (-0.3, 0.004), "0.30 ± 0.01 m right of centre"),
+        (describe_heading, (0.01,), "0.6 deg to the left"),
+        (describe_heading, (-8e-4,), "straight ahead"),
+        (seconds, ("83.5",), 83.5),
+        (seconds, ("1:23.5",), 83.5),
+        (seconds, ("2:01:05",), 7265.0),
     ],
 )
-def test_offset(offset_m, std_m, text):
-    assert describe_offset(offset_m, std_m) == text
-
-
-@pytest.mark.parametrize(("text", "time_s"), [("83.5", 83.5), ("1:23.5", 83.5), ("2:01:05", 7265.0)])
-def test_times_have_minutes_and_hours(text, time_s):
-    assert seconds(text) == time_s
+def test_measurements_as_text_and_times_with_minutes_and_hours(describe, numbers, text):
+    assert describe(*numbers) == text
 
 
 @pytest.mark.parametrize("terminal", [True, False], ids=["terminal", "log file"])

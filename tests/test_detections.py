@@ -72,6 +72,7 @@ def test_stills_are_independent_or_a_sequence(folder, detect, sequence):
         assert row["curvature_per_m"] == pytest.approx(truth.curvature_per_m, abs=5e-4)
     states = [row["state"] for row in found]
     assert states == (["tracking"] * 4 if sequence else ["found"] * 4)
+    assert sequence or found[0]["sides"] == ["left", "right", "far right"] and max(found[0]["lanes"][2]) > 500
 
 
 def test_videos_are_tracked_frame_by_frame(folder, detect, tmp_path):

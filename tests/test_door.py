@@ -122,4 +122,5 @@ def test_the_given_speed_is_that_of_the_annotated_drive(drive, tmp_path, monkeyp
     trackers = []
     monkeypatch.setattr(lanes.LaneTracker, "reset", lambda tracker: trackers.append(tracker) or reset(tracker))
     lanes.annotate(drive, tmp_path, SMALL, speed_mps=13.0, progress=False, report=False)
-    assert [tracker.speed_mps for tracker in trackers] == [13.0]
+    next(lanes.track(drive, SMALL, speed_mps=13.0))
+    assert [tracker.speed_mps for tracker in trackers] == [13.0, 13.0]

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.camera import Camera, save_camera
+from lanes.camera import CalibrationReport, Camera, save_camera
 from lanes.detect.search import detect_still
-from lanes.drive import Annotation, DriveSettings, annotate
+from lanes.drive import Annotation, DriveSettings, annotate, make_tracker
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.images import read_image, write_image
@@ -103,14 +103,17 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
 def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     """With the pose of the drive no lane is likely; with that of one image there is one. The report has both facts."""
     wrong = SMALL.with_pose(replace(SMALL.pose, pitch_rad=0.25))
-    assumed = PoseEstimate(wrong, 0.3, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
-    assumed = replace(assumed, notes=("no lane decides on the pose",))
+    assumed = PoseEstimate(wrong, 0.0, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
+    assumed, heights_m = replace(assumed, notes=("no lane decides on the pose",), confidence_shift=-2.0), set()
+    assert make_tracker(25, SMALL, assumed, None).update(BENDS.frame(0)).confidence_shift == -2
     monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
-    monkeypatch.setattr("lanes.drive.estimate_pose", lambda *_, **__: replace(assumed, still=still))
+    estimate = lambda *_, height_m, **__: heights_m.add(height_m) or replace(assumed, still=still)  # noqa: E731
+    monkeypatch.setattr("lanes.drive.estimate_pose", estimate)
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
     words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
     (begin,) = re.findall(words, result.description)
+    assert heights_m == {SMALL.pose.height_m}  # as given
     assert "<li>no lane decides on the pose</li>" in (tmp_path / "drive.html").read_text()
     table = result.telemetry
     assert float(begin) == pytest.approx(table["time_s"][table["pose_pitch_rad"] == SMALL.pose.pitch_rad][0], abs=0.051)
@@ -138,17 +141,19 @@ def test_a_calibrated_camera_is_turned_as_the_file_says(tmp_path, orientation, d
 
 
 def test_detect_and_annotate_agree_over_a_hole_in_the_video(tmp_path):
-    """The car moves on while nothing is recorded: the tracker must be told the time, by every command."""
+    """The car moves on while nothing is recorded: all commands must tell the tracker the time, and say a jump of it."""
     with VideoWriter(tmp_path / "drive.mp4", fps=25) as writer:
-        for number in (*range(12), *range(110, 130)):
-            writer.write(BENDS.frame(number / 25), number / 25)
+        for number in (*range(12), *range(110, 133)):
+            writer.write(BENDS.frame(number / 25), number / 25 + (300 if number >= 130 else 0))
     (result,) = quietly(tmp_path / "drive.mp4", tmp_path / "out", report=False)
     settings = DriveSettings(output=tmp_path, camera=SMALL, progress=False)
     found = list(detect_in_video(tmp_path / "drive.mp4", settings, range(240, 320, 10)))
     np.testing.assert_array_equal([row["frame"] for row in found], result.telemetry["frame"])
-    offsets_m = np.array([np.nan if row["offset_m"] is None else row["offset_m"] for row in found])
-    np.testing.assert_allclose(offsets_m, result.telemetry["offset_m"], atol=1e-4)
-    assert offsets_m[-1] == pytest.approx(BENDS.truth(129 / 25).offset_m, abs=0.05)
+    for name, tolerance in {"offset_m": 1e-4, "curvature_per_m": 1e-7, "confidence": 1e-4}.items():
+        values = np.array([row[name] for row in found], float)
+        np.testing.assert_allclose(values, result.telemetry[name], atol=tolerance)
+    assert "its clock jumps by 300 s after 5.2 s" in result.description
+    assert found[31]["offset_m"] == pytest.approx(BENDS.truth(129 / 25).offset_m, abs=0.05)
 
 
 def test_pose_is_estimated_from_the_annotated_part_only(tmp_path):
@@ -189,14 +194,15 @@ def test_a_part_counts_its_own_lost_frames_on_the_clock_of_the_video(tmp_path):
     dark = {*range(5, 10), *range(50, 90)}
     frames = [BLACK if number in dark else BENDS.frame(number / 25) for number in range(90)]
     video = write_clip(tmp_path / "drive.mp4", frames)
-    (result,) = quietly(video, tmp_path / "out", start_s=0.6, end_s=3.4)
+    lens = CalibrationReport(0.5, {f"{number}.jpg": 0.5 for number in range(3)})
+    (result,) = quietly(video, tmp_path / "out", replace(SMALL, report=lens), start_s=0.6, end_s=3.4)
     table, lost = result.telemetry, result.telemetry["state"] == "lost"
     assert table["frame"].tolist() == list(range(15, 85)) and result.missing == 0
     np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-6)
     assert lost[-9:].all() and "70 frames, confidence 0.9 or more in" in result.description
     assert f"lost for {lost.sum() / 25:.1f} s" in result.description
     page = (tmp_path / "out" / "drive.html").read_text()
-    assert "from 0.6 s to 3.4 s" in page
+    assert "from 0.6 s to 3.4 s" in page and "calibrated on 3 boards, error 0.50 px" in page
     assert re.search(r"lanes explain --camera camera\.yaml --start 0\.6 --end 3\.4 \S*drive\.mp4 --at ", page)
 
 
@@ -222,18 +228,16 @@ def test_a_mirrored_drive_is_tracked_as_players_show_it_and_said(tmp_path, drive
 
 def test_the_result_names_the_median_confidence(drive, tmp_path):
     """Also if it is low: "tracked in 100 %" alone says too much of a lane that is unlikely."""
-    doubtful = replace(SMALL, pose=replace(SMALL.pose, pitch_rad=SMALL.pose.pitch_rad + np.radians(4)))
-    medians = []
-    for number, camera in enumerate((SMALL, doubtful)):
-        results = quietly([drive / "drive.mp4", drive / "stills"], tmp_path / str(number), camera, report=False)
-        for result in results:
-            known = result.telemetry["state"] != "lost"
-            medians.append(np.median(result.telemetry["confidence"][known]) if known.any() else None)
-            words = "lost for" if "drive.mp4" in result.description else "no lane in"
+    sources, medians = [drive / "drive.mp4", drive / "stills"], []
+    for down_deg in (0, 4):
+        results = quietly(sources, tmp_path / str(down_deg), pitched(BENDS, down_deg).camera, report=False)
+        for result, words in zip(results, ("lost for", "no lane in"), strict=True):
+            known = result.telemetry["confidence"][result.telemetry["state"] != "lost"]
             line = next(line for line in result.description.splitlines() if words in line)
-            assert known.any() == ("median confidence" in line)
-            assert medians[-1] is None or f", median confidence {medians[-1]:.2f};" in line
-    assert medians[0] > 0.8 and medians[1] > 0.8 and (medians[2] is None or medians[2] < 0.5)
+            medians.append(np.median(known) if len(known) else 0.0)
+            assert bool(len(known)) == ("median confidence" in line)
+            assert not len(known) or f", median confidence {medians[-1]:.2f};" in line
+    assert min(medians[:2]) > 0.8 and medians[2] < 0.5
     write_image(tmp_path / "grey.png", GREY)
     (result,) = quietly(tmp_path / "grey.png", tmp_path / "grey", report=False)
     assert "no lane in 100% of them; wrote" in result.description
@@ -272,7 +276,8 @@ def test_unusable_stills_do_not_stop_the_others(tmp_path):
     words = r".*c.jpg: .*cut off.*\n.*d.png: .*empty.*\n.*a.jpg: is 640x480, the others used are 640x360;.*"
     assert re.fullmatch(words, str(error.value))
     assert names(tmp_path / "out") == {"b2.jpg", "b10.jpg", "pictures.csv"}
-    assert read_telemetry(tmp_path / "out" / "pictures.csv")["picture"].tolist() == ["b2.jpg", "b10.jpg"]
+    table = read_telemetry(tmp_path / "out" / "pictures.csv")
+    assert (table["picture"].tolist(), table["frame"].tolist()) == (["b2.jpg", "b10.jpg"], [0, 1])
     drawn = read_image(tmp_path / "out" / "b2.jpg")
     assert (np.abs(drawn.astype(int) - BENDS.frame(0))[220:330].max(axis=2) > 30).mean() > 0.1
     with pytest.raises(PictureError, match=r"c.jpg: .*\n.*d.png"):

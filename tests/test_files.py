@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from lanes import files
+from lanes.errors import PictureError
 from lanes.files import (
     atomic_write,
     partial_files,
@@ -21,11 +22,6 @@ from lanes.files import (
 )
 from tests.support.project import names
 
-
-class CustomError(ValueError):
-    pass
-
-
 # --- in: tests/end_to_end/test_bad_input.py has missing, empty and unreadable files, folders, pipes, devices and links
 
 
@@ -33,16 +29,18 @@ def test_odd_files_are_refused_by_name(tmp_path):
     """A socket, names that no file can have, files that are too large or no text."""
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(str(tmp_path / "socket"))
-        with pytest.raises(CustomError, match="socket: is a socket; name a test file"):
-            require_file(tmp_path / "socket", "test", error=CustomError)
+        with pytest.raises(PictureError, match="socket: is a socket; name a test file"):
+            require_file(tmp_path / "socket", "test", error=PictureError)
     for name in ("gone/too", "long" * 99, "nul\0"):
         with pytest.raises(FileNotFoundError, match="no such test file"):
-            require_file(tmp_path / name, "test", error=CustomError)
+            require_file(tmp_path / name, "test", error=PictureError)
+    (tmp_path / "a").write_text("\ufeffof Windows", encoding="utf-8")
+    assert read_text(tmp_path / "a", "test") == "of Windows"
     (tmp_path / "a").write_bytes(b"1234\xff")
-    with pytest.raises(CustomError, match="byte 4 is not UTF-8"):
-        read_text(tmp_path / "a", "test", error=CustomError)
-    with pytest.raises(CustomError, match="MB large"):
-        read_text(tmp_path / "a", "test", error=CustomError, max_bytes=4)
+    with pytest.raises(PictureError, match="byte 4 is not UTF-8"):
+        read_text(tmp_path / "a", "test", error=PictureError)
+    with pytest.raises(PictureError, match="MB large"):
+        read_text(tmp_path / "a", "test", error=PictureError, max_bytes=4)
 
 
 # --- out

@@ -64,6 +64,9 @@ def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
     assert np.array_equal(read_image(path), np.repeat(gray[..., None], 3, axis=2))
     cv2.imwrite(str(path), np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)]))
     assert np.array_equal(read_image(path), picture)
+    photo, preview = Image.fromarray(picture), Image.new("RGB", (8, 5))
+    photo.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[preview], quality=100, subsampling=0)
+    np.testing.assert_allclose(read_image(tmp_path / "a.jpg"), picture, atol=8)  # of phones: no second image
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])

@@ -101,10 +101,12 @@ def test_what_another_program_writes_meanwhile_stays(stills):
     assert json.loads(path.read_text().splitlines()[2]) == theirs
     assert kept.label(1)["lanes"] == [[7, 8]]  # opened again, it can be changed
     assert kept.mark(1, [LEFT, RIGHT], save=True)["saved"] == [True, True]
-    path.write_text("{")
-    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
-        kept.mark(1, [LEFT, None], save=True)
-    assert path.read_text() == "{"
+    for text in ("{", "[1]\n", '{"lanes": []}\n'):
+        path.write_text(text)
+        for use in (lambda: kept.mark(1, [LEFT, None], save=True), lambda: open_session(stills)):
+            with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
+                use()
+        assert path.read_text() == text
 
 
 def test_a_label_that_was_compared_stays_as_it_is(stills):
@@ -143,13 +145,6 @@ def test_marks_of_the_still_before_are_proposed_on_the_paint_of_this_one(stills)
         open_session(stills, "a.png", "c.png").propose(1)
 
 
-@pytest.mark.parametrize("text", ["[1]\n", '{"lanes": []}\n'])
-def test_a_damaged_file_of_labels_is_named(stills, text):
-    (stills / "labels.jsonl").write_text(text)
-    with pytest.raises(LaneError, match=r"labels\.jsonl: its labels cannot be used"):
-        open_session(stills)
-
-
 def test_stills_are_spread_over_the_video_and_kept(tmp_path):
     shades = [np.full((90, 160, 3), level, np.uint8) for level in range(20, 220, 10)]
     video = write_clip(tmp_path / "drive.mp4", shades)
@@ -186,11 +181,6 @@ def folder(tmp_path_factory):
 def session(folder):
     with labelling(folder, "--camera", folder / "camera.yaml") as session:
         yield session
-
-
-def both_lines(time_s: float) -> list:
-    rng = np.random.default_rng(3)
-    return [choose_clicks(BENDS, time_s, lateral_m, rng).round(1).tolist() for lateral_m in (1.8, -1.8)]
 
 
 def our_lines(session: Labelling, number: int) -> dict:
@@ -256,7 +246,8 @@ def test_marks_that_are_none_are_refused_with_a_sentence(session, folder):
 
 
 def test_our_lines_come_only_after_the_label_is_saved(session):
-    points = both_lines(TIMES_S[0])
+    rng = np.random.default_rng(3)
+    points = [choose_clicks(BENDS, TIMES_S[0], lateral_m, rng).round(1).tolist() for lateral_m in (1.8, -1.8)]
     session.mark(0, points)
     refused = json.loads(session.ask("ours/0")[1])
     assert "lanes" not in refused and "Save the label first" in refused["error"]

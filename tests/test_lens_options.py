@@ -36,7 +36,7 @@ def test_a_wide_view_is_that_of_an_action_camera_and_says_so(tmp_path, run):
     common = "annotate", "--hfov", 110, "--height", 1.3, "--no-report", tmp_path / "drive.mp4", "-o"
     status, out, err = run(*common, tmp_path / "out")
     assert status == 0 and "warning: field of view 110.0 deg, as given, equidistant lens" in err
-    assert all(words in err for words in ("times stronger; if straight edges", "give --lens pinhole", "--boards"))
+    assert all(words in err for words in ("2.2 times stronger; if straight edges", "give --lens pinhole", "--boards"))
     assert "which was not calibrated" in out
     assert curvature_ratio(drive, tmp_path / "out") == pytest.approx(1, abs=0.25)
     status, out, err = run(*common, tmp_path / "pinhole", "--lens", "pinhole")  # what it was taken as without a word
@@ -191,8 +191,6 @@ def test_the_offset_is_that_of_the_car_and_kept_in_the_camera_file(lorry, tmp_pa
     # the lines stay where the camera sees them
     assert tables["middle"]["left_c0_m"] == pytest.approx(tables["beside"]["left_c0_m"], abs=1e-6, nan_ok=True)
     assert np.median(tables["kept"]["offset_m"] - true_m) == pytest.approx(0.7, abs=0.1)
-    status, _, err = run("annotate", "--camera-offset", 65, drive, "-o", tmp_path / "out")
-    assert status == 2 and "-2 to 2" in err
 
 
 def test_the_warnings_are_those_of_the_car(tmp_path):
@@ -228,5 +226,3 @@ def test_height_and_lane_width_determine_the_scale(lorry, tmp_path, run):
     assert high_m / low_m == pytest.approx(1.3 / 1.1, abs=0.05) and high_m == pytest.approx(3.6, abs=0.2)
     assert width_m(still, "--height", 1.3) == pytest.approx(3.6, abs=0.2)
     assert width_m(still, "--lane-width", 3.2) == pytest.approx(3.2, abs=0.12)
-    status, _, err = run("detect", "--camera", lorry / "drive.yaml", "--height", 1.3, still, "-o", tmp_path / "x.jsonl")
-    assert status == 2 and "the camera file holds a pose; omit --height" in err

@@ -251,7 +251,7 @@ def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path,
     videos, output = videos_in(drives)[:2], tmp_path / "out"
     output.mkdir()
     for video in videos:
-        for file in partial_files(output / video.name):
+        for file in (*partial_files(output / video.name), *partial_files(output / f"{video.stem}.lane.mcap")):
             file.write_bytes(b"written so far")
     with locked(partial_files(output / videos[0].name)[1]):
 

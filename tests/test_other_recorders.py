@@ -21,6 +21,7 @@ from lanes.drive import DriveSettings
 from lanes.errors import VideoError
 from lanes.field_of_view import read_log_camera
 from lanes.files import read_telemetry
+from lanes.many import fingerprint
 from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
 from tests.support import robot_logs as logs
@@ -139,6 +140,7 @@ def test_a_compressed_recording_is_read_from_its_folder_and_from_its_file(tmp_pa
     folder = write_messages(tmp_path / "drive", topics, compression=mode, mcap=mcap)
     (found,) = find_sources([str(folder)]).videos
     assert found == folder and shades(folder) == SHADES
+    assert fingerprint(folder, DriveSettings(output=tmp_path))["source"] == str(folder)
     (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     assert find_sources([str(file)]).videos == (file,) and shades(file) == shades(folder)
 
@@ -244,10 +246,13 @@ ENCODINGS = [
     (raw(SMOOTH, "rgb8", pad=5), 0),
     (raw(SMOOTH[..., ::-1], "bgr8"), 0),
     (raw(cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2BGRA), "bgra8", pad=5), 0),
+    (raw(cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2RGBA), "rgba8"), 0),
     (raw(SMOOTH[..., ::-1], "8UC3"), 0),
     (raw(cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2YUV_UYVY), "yuv422"), 5),
     (raw(cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2YUV_YUY2), "yuv422_yuy2"), 5),
     (raw(nv12(SMOOTH), "nv12"), 5),
+    (raw(np.vstack([nv12(SMOOTH)[:48], nv12(SMOOTH)[48:].reshape(-1, 2)[:, ::-1].reshape(-1, 64)]), "nv21"), 5),
+    (raw(cv2.cvtColor(SMOOTH, cv2.COLOR_RGB2YUV_I420), "i420"), 5),
     (raw(SMOOTH[..., ::-1].astype(np.uint16) << 8, "bgr16"), 0),
     (raw(mosaic(SMOOTH.astype(np.uint16) << 4, "bggr"), "bayer_bggr12"), 6),
     (raw(mosaic(SMOOTH, "gbrg"), "bayer_gbrg8"), 6),

@@ -7,28 +7,33 @@ import sys
 import tempfile
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from lanes.camera import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
-from lanes.drive import DriveSettings, annotate_drive
+from lanes.detect.lane import telemetry_row
+from lanes.detect.road import road_height
+from lanes.detect.search import find_lane
+from lanes.drive import DriveSettings, annotate_drive, track
 from lanes.errors import VideoError
 from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry
 from lanes.images import read_image
-from lanes.lane_messages import INFERRED_ALPHA
+from lanes.lane_messages import INFERRED_ALPHA, write_lane_messages
 from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.robot_log import index_log
 from tests.support import robot_logs as logs
 from tests.support.clips import FPS
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import names
 from tests.support.robot_logs import TINY, TINY_TIMES_S, shades, stamp_images, stamps_at, write_messages
 
-# Names with signs of addresses are those of files, too.
-KINDS = ("drive.bag", "what?50%25.db3", "drive#2.mcap", "folder")
+# Names with signs of addresses are those of files, too; capitals do not matter.
+KINDS = ("drive.bag", "what?50%25.db3", "DRIVE#2.MCAP", "folder")
 FRAMES = 20
 TIMES_S = np.arange(FRAMES) / FPS
 DARK = {0, 1, 2, 17, 18, 19}
@@ -69,6 +74,7 @@ def annotated(tmp_path_factory, images) -> tuple[dict[str, np.ndarray], dict[str
     path = logs.write_log(folder / "drive.mcap", shown, TIMES_S[kept], camera=SMALL)
     result = annotate_drive(path, settings_for(folder, camera=SMALL, camera_offset_m=CAMERA_OFFSET_M))
     assert result.missing == 2 and result.telemetry["frame"].tolist() == kept
+    assert [file.name for file in result.outputs] == ["drive.mp4", "drive.csv", "drive.lane.mcap"]
     assert inspect_video(path).frames == FRAMES - 2  # a log in the output folder is not overwritten
     return result.telemetry, read_back(folder / "drive.lane.mcap"), stamps_at(TIMES_S[kept])
 
@@ -115,6 +121,18 @@ def test_the_markers_show_what_is_unlikely(tmp_path, images):
     assert table["confidence"][-1] < 0.5 and table["state"][-1] != "lost"
     _, message = read_back(tmp_path / "out" / "drive.lane.mcap")["/lane/lines"][-1]
     assert_has_colour(message.markers[0], table["confidence"][-1])
+
+
+def test_the_markers_go_over_hills_to_the_ends_of_all_lines(tmp_path, images):
+    """In this image the far line on the right is seen."""
+    lane, log = find_lane(images[0], SMALL), index_log(logs.write_log(tmp_path / "a.mcap", images[:2], [0, 0.04]))
+    with write_lane_messages(tmp_path / "a.csv", SimpleNamespace(lane=lane), log) as table:
+        table.write({"frame": 0, **telemetry_row(lane)})
+    ((_, message),) = read_back(tmp_path / "a.lane.mcap")["/lane/lines"]
+    *lines, far_left, far_right = [np.array([(p.x, p.y, p.z) for p in m.points]) for m in message.markers]
+    assert not len(far_left) and far_right[0, 1] == pytest.approx(-5.4, abs=0.5)
+    for (x_m, _, z_m), end_m in zip((line[-1] for line in lines), lane.ends_m, strict=True):
+        assert (x_m, z_m) == pytest.approx((end_m, road_height(lane.model, end_m))) and z_m != 0
 
 
 def test_messages_need_no_space_in_the_temporary_folder(tmp_path, images, monkeypatch, run):
@@ -242,16 +260,18 @@ def test_all_commands_take_the_topic_and_a_part(tmp_path, images, run, monkeypat
     async def ended(*_: object) -> None: ...
 
     monkeypatch.setattr(server, "_serve", ended)
-    outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "explained.png", "label": "labels"}
+    outputs = {"annotate": "out", "detect": "lanes.jsonl", "explain": "a.png", "label": "labels", "pose": "pose.yaml"}
     for command, output in outputs.items():
         more = ["--stills", 2, "--no-browser"] if command == "label" else []
         # a camera without a pose: it is that of the images on the topic
         more += ["--hfov", SMALL.hfov_deg] if command == "explain" else ["--camera", tmp_path / "camera.yaml"]
         part = "--topic", "/front", "--start", 0.2, "--end", 0.4
         status, out, _ = run(command, *more, path, "-o", tmp_path / output, *part)
-        assert status == 0 and (command != "explain" or "5 of 5 used" in out)
+        assert status == 0 and ("5 of 5 used" in out) == (command in ("explain", "pose"))
     table = read_telemetry(tmp_path / "out" / "drive.csv")
     assert table["frame"].tolist() == [5, 6, 7, 8, 9] and (table["state"] == "tracking").any()
+    assert "--topic /front --start 0.2" in (tmp_path / "out" / "drive.html").read_text()
+    assert next(track(path, SMALL, start_s=0.2, topic="/front"))[0].number == 5
     assert names(tmp_path / "out") == {f"drive{suffix}" for suffix in (".csv", ".html", ".lane.mcap", ".mp4")}
     stills = [read_image(still) for still in sorted((tmp_path / "labels").glob("*.png"))]
     assert [np.array_equal(*pair) for pair in zip(stills, (images[5], images[8]), strict=True)] == [True, True]

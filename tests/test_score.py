@@ -91,11 +91,7 @@ def test_the_ego_lane_among_lines(name):
 
 # Names of the labels, names of the predictions, and which prediction is that of each label.
 PAIRS = {
-    "by the end of the path": (
-        ["clips/1/20.jpg", "clips/2/20.jpg"],
-        ["/data/clips/2/20.jpg", "/x/3/20.jpg"],
-        [None, 0],
-    ),
+    "by the end of the path": (["a/1/20.jpg", "a/2/20.jpg"], ["/data/a/2/20.jpg", "/x/3/20.jpg"], [None, 0]),
     "not of other folders": (["day/1.jpg"], [f"/data/{name}/1.jpg" for name in ("night", "day", "rain")], [1]),
     "of Windows": (["clips\\1\\20.png", "clips\\2\\20.png"], ["D:\\clips\\2\\20.png", "D:\\clips\\1\\20.png"], [1, 0]),
 }
@@ -122,7 +118,8 @@ def test_predictions_without_rows_are_at_those_of_their_label(tmp_path):
 
 
 ONE, OTHER = entry("a.png", lines(upright())), entry("b.png", lines(upright()))
-TWICE = "two labels or two predictions are for the same picture"
+TWICE = "found.jsonl: two labels or two predictions are for the same picture"
+NO_LABEL = "labels.jsonl: line 1 is not a label"
 
 
 @pytest.mark.parametrize(
@@ -130,31 +127,21 @@ TWICE = "two labels or two predictions are for the same picture"
     [
         ([ONE, ONE], [ONE], TWICE),
         ([ONE], [ONE, ONE], TWICE),
-        ([ONE], [OTHER], "has no prediction for any labelled image"),
+        ([ONE], [OTHER], "found.jsonl: has no prediction for any labelled image"),
+        ([ONE, ONE | {"raw_file": 3}], [ONE], "labels.jsonl: line 2 is not a label"),
+        ([ONE | {"lanes": {"0": [1]}}], [ONE], NO_LABEL),
+        ([ONE | {"sides": ["left", "right"]}], [ONE], NO_LABEL),
+        ([ONE | {"sides": ["left"], "lanes": [upright().tolist()] * 2}], [ONE], NO_LABEL),
+        ([ONE | {"confidence": 1.5}], [ONE], NO_LABEL),
+        ([ONE | {"raw_file": "x/../../a.png"}], [ONE], "labels.jsonl: the picture 'x/../../a.png' lies outside"),
+        ([ONE | {"raw_file": "..\\a.png"}], [ONE], "labels.jsonl: the picture '../a.png' lies outside"),
+        ([ONE | {"raw_file": "a\0.png"}], [ONE], "labels.jsonl: .*lies outside"),
     ],
 )
-def test_files_that_cannot_be_paired_are_refused(tmp_path, labels, found, words):
-    with pytest.raises(ValueError, match=f"found.jsonl: {words}"):
-        read_pairs(tmp_path, labels, found)
-
-
-@pytest.mark.parametrize(
-    ("more", "words"),
-    [
-        ({"raw_file": 3}, "line 2 is not a label"),
-        ({"lanes": {"0": [1]}}, "line 2 is not a label"),
-        ({"sides": ["left", "right"]}, "line 2 is not a label"),
-        ({"sides": ["left"], "lanes": [upright().tolist()] * 2}, "line 2 is not a label"),
-        ({"confidence": 1.5}, "line 2 is not a label"),
-        ({"raw_file": "x/../../a.png"}, "the picture 'x/../../a.png' lies outside"),
-        ({"raw_file": "..\\a.png"}, "the picture '../a.png' lies outside"),
-        ({"raw_file": "a\0.png"}, "lies outside"),
-    ],
-)
-def test_other_files_are_refused_with_the_line(tmp_path, more, words):
+def test_files_that_cannot_be_paired_or_read_are_refused(tmp_path, labels, found, words):
     """More of them: tests/support/bad_files.py, and any content in tests/properties/test_any_file.py."""
-    with pytest.raises(ValueError, match=rf"labels\.jsonl: .*{words}"):
-        read_pairs(tmp_path, [ONE, ONE | more], [ONE])
+    with pytest.raises(ValueError, match=words):
+        read_pairs(tmp_path, labels, found)
 
 
 # Scores.
@@ -225,6 +212,7 @@ def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, score):
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
     assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
+    assert f" and {late - 5} more\n" in said
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
@@ -291,6 +279,12 @@ def test_lateral_errors_at_each_distance(found, errors):
     np.testing.assert_allclose(np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03)
 
 
+def test_medians_and_percentiles_are_those_of_the_sizes_of_the_errors():
+    pairs = [(road_lines(1.8, -1.8), road_lines(*found_m)) for found_m in ((1.8, -1.8), (1.7, -1.5))]
+    row = summarize([score_still(*pair, CAMERA.size, CAMERA) for pair in pairs], DISTANCES)
+    assert (row["15 m"], row["15 m, 95 %"]) == pytest.approx((0.05, 0.27), abs=0.01)
+
+
 def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> StillScore:
     label = lines(upright(), upright(900)) if labelled else lines()
     return score_still(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
@@ -311,7 +305,7 @@ def test_confidence_is_compared_with_the_share_of_right_lanes():
     assert table["0.5 to 0.9"]["mean stated"] == pytest.approx(0.6)
 
 
-HOSTILE = "b/<img src=x onerror=alert(1)>{{data}}.jpg"
+HOSTILE = "b/c/<img src=x onerror=alert(1)>{{data}}.jpg"
 
 
 @pytest.fixture
@@ -426,3 +420,5 @@ def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predict
     assert rows_of(said, "scores")["all"][5] == accuracy
     assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
     assert all(note in said for note in notes)
+    score(tmp_path, "--camera", save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml"))
+    assert page_data(tmp_path / "page.html")["stills"][0]["size"] == [1920, 1080]  # assumed

@@ -302,6 +302,13 @@ def count_missing(gaps: np.ndarray) -> int:
     return int(gaps[gaps <= JUMP_FRAMES].sum())
 
 
+def count_lost(info: VideoInfo, numbers: Sequence[int], start_s: float, end_s: float | None) -> int:
+    """Number of frames of a part that are damaged or not in the file, by the `numbers` of those that were read."""
+    if start_s == 0 and (end_s is None or end_s >= info.duration_s):
+        return max(0, info.frames + info.missing - len(numbers))
+    return count_missing(np.diff(numbers) - 1)
+
+
 def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
     # In Matroska and NUT the duration counts from zero, in all others from the first packet.

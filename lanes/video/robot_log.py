@@ -101,7 +101,7 @@ class LogReader:
 
 def is_robot_log(path: str | Path) -> bool:
     """Whether a file is a robot log, by its name, or a folder is a recording of ROS 2."""
-    return bool(re.search(_LOG_NAMES, str(path))) or is_bag_folder(path)
+    return bool(re.search(_LOG_NAMES, str(path), re.IGNORECASE)) or is_bag_folder(path)
 
 
 def is_bag_folder(path: str | Path) -> bool:
@@ -124,7 +124,7 @@ def open_log(path: Path | str) -> Iterator[LogReader]:
         import_module("rosbags")  # also writes the lane of logs that are read without it
         with ExitStack() as opened:
             parts = [_unpacked(part, opened) for part in (_list_parts(path) if path.is_dir() else [path])]
-            yield LogReader([_OPENERS[part.suffix](part, opened) for part in parts])
+            yield LogReader([_OPENERS[part.suffix.lower()](part, opened) for part in parts])
     except LaneError:
         raise
     except ImportError as error:
@@ -146,7 +146,7 @@ def _list_parts(folder: Path) -> list[Path]:
 
 def _unpacked(path: Path, opened: ExitStack) -> Path:
     """The file; if rosbag2 has compressed it, the unpacked one in a temporary folder."""
-    if path.suffix not in (".zstd", ".zst"):
+    if path.suffix.lower() not in (".zstd", ".zst"):
         return path
     unpacked = Path(opened.enter_context(TemporaryDirectory()), path.stem)
     with import_module("zstandard").open(path, "rb") as source, unpacked.open("wb") as target:

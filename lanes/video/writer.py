@@ -35,7 +35,7 @@ from lanes.video.reader import (
     QUEUE_SIZE,
     STAMP_TOLERANCE_S,
     VideoInfo,
-    count_missing,
+    count_lost,
     decode_packet,
     index_video,
     inspect_video,
@@ -350,10 +350,7 @@ def process_video(
             if table:
                 table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
             numbers.append(frame.number)
-    whole = start_s == 0 and (end_s is None or end_s >= info.duration_s)
-    gaps = np.diff(numbers) - 1
-    missing = info.frames + info.missing - len(numbers) if whole else count_missing(gaps)
-    return replace(writer.written, missing=max(0, missing))
+    return replace(writer.written, missing=count_lost(info, numbers, start_s, end_s))
 
 
 def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:

@@ -197,8 +197,8 @@ def test_damaged_frames_are_counted_and_left_out(good, tmp_path, capfd):
     """In the message, the table, the report and the JSON lines; the other frames keep their numbers."""
     video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
     data = bytearray(video.read_bytes())
-    half = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2
-    data[half : half + 3000] = bytes(3000)
+    half, end = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2, data.index(b"moov") - 4
+    data[half : half + 3000], data[end - 2000 : end] = bytes(3000), bytes(2000)
     video.write_bytes(data)
     out, camera = tmp_path / "out", ["--camera", str(good / "drive.yaml")]
     assert main(["annotate", *camera, str(video), "-o", str(out)]) == 0

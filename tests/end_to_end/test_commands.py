@@ -58,13 +58,16 @@ def test_a_process_says_nothing_of_its_own(tmp_path):
 
 
 def test_the_command_to_copy_from_a_report_has_the_options_of_the_camera(tmp_path):
-    drive = write_drive(tmp_path / "drive.mp4", BENDS, 2)
+    drive = write_drive(tmp_path / "my drive.mp4", BENDS, 2)
     given = "--hfov 110.0 --lens pinhole --camera-offset 0.2 --car-width 1.7 --lane-width 3.5 --height 1.3"
     assert main(["annotate", *given.split(), str(drive), "-o", str(tmp_path / "out")]) == 0
-    assert f"python -m lanes explain {given} {drive} --at " in (tmp_path / "out" / "drive.html").read_text()
+    page = (tmp_path / "out" / "my drive.html").read_text()
+    assert f"python -m lanes explain {given} '{drive}' --at " in page
+    assert "0.20 m left of centre of the car, which is 1.7 m wide" in page
 
 
-def test_interrupted(tmp_path):
+@pytest.mark.parametrize(("number", "ended"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted(tmp_path, number, ended):
     long = tmp_path / "long.mp4"
     shutil.copy(ROOT / "test_videos" / "project_video.mp4", long)
     camera = ROOT / "test_videos" / "project_video.yaml"
@@ -72,10 +75,10 @@ def test_interrupted(tmp_path):
         while not names(tmp_path / "out") and child.poll() is None:
             time.sleep(0.02)
         time.sleep(0.3)
-        child.send_signal(signal.SIGINT)
+        child.send_signal(number)
         _, err = child.communicate(timeout=60)
-    assert child.returncode == 130
-    assert "interrupted" in err and "Traceback" not in err
+    assert child.returncode == ended
+    assert ("interrupted" in err) == (ended == 130) and "Traceback" not in err
     assert names(tmp_path / "out") == set()
 
 

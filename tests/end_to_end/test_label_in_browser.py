@@ -100,7 +100,9 @@ def test_our_lines_are_shown_beside_a_saved_label_which_then_stays(page, folder)
     assert page.value("ours") is None
     page.press("s", until="ours")
     page.wait("document.getElementById('message').textContent.includes('px from ours')")
-    assert message(page).startswith("Saved. left line: ")
+    label, ours = (np.array(lanes[0]) for lanes in page.value("[still.lanes, ours.lanes]"))
+    away_px = np.abs(label - ours)[(label >= 0) & (ours >= 0)].mean()
+    assert message(page).startswith(f"Saved. left line: {away_px:.1f} px from ours, right line: ")
     before = (folder / "labels.jsonl").read_bytes()
     page.press(Keys.ENTER, until="document.getElementById('message').textContent.startsWith('Our lines were shown')")
     assert (folder / "labels.jsonl").read_bytes() == before
@@ -113,14 +115,16 @@ def test_by_keyboard_alone(page, folder):
     page.press("x", until="marks[0] === null && !still.saved[2]")  # clears the line
     for _ in range(2):
         page.press(Keys.ENTER)
-        for _ in range(3):
-            ActionChains(page).key_down(Keys.SHIFT).send_keys(Keys.ARROW_UP).key_up(Keys.SHIFT).perform()
+        for key in (Keys.ARROW_UP,) * 4 + (Keys.ARROW_DOWN,):
+            ActionChains(page).key_down(Keys.SHIFT).send_keys(key).key_up(Keys.SHIFT).perform()
         page.press(Keys.ARROW_LEFT)
     page.wait("marks[0].length === 2 && still.lanes[0].some(column => column >= 0)")
     (x, low), (left, high) = page.value("marks[0]")
     assert (x - left, low - high) == (1, 30)
     scale = page.value("view.scale")
     page.press("+", until=f"view.scale > {scale}")
+    page.press("-", until=f"Math.abs(view.scale - {scale}) < 1e-6")
+    page.press("-", until=f"view.scale < {scale}")
     page.press("0", until=f"Math.abs(view.scale - {scale}) < 1e-6")
     page.press(Keys.ESCAPE, until="marks[0].length === 1")
     page.press("n")  # incomplete: kept, not saved

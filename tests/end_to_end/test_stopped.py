@@ -147,11 +147,12 @@ def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("output", [">/dev/full", "| true", ">&-"])
 def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, output):
-    """A full disk, `| head` that has read enough, none as under some schedulers; the status is that of the files."""
-    words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", tmp_path]
-    script = f'set -o pipefail; "$@" {output}'
+    """A full disk, `| head` that has read enough, none as under some schedulers; nor in ASCII. The files decide."""
+    out = tmp_path / "hin und zur\u00fcck"
+    words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", out]
+    script = f'set -o pipefail; export PYTHONIOENCODING=ascii; "$@" {output}'
     with popen(["bash", "-c", script, "bash", *command_line.process(*words)]) as child:
         _, err = child.communicate(timeout=120)
     assert (child.returncode, err) == (0, "")
-    assert names(tmp_path) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
-    assert inspect_video(tmp_path / "drive.mp4").frames == FRAMES
+    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
+    assert inspect_video(out / "drive.mp4").frames == FRAMES

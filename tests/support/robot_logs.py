@@ -87,7 +87,7 @@ def write_messages(
 
     Without a suffix it is the folder of a ROS 2 bag, in SQLite or MCAP, with a `compression` of rosbag2 by its name.
     """
-    ros1, mcap = path.suffix == ".bag", mcap or path.suffix == ".mcap"
+    ros1, mcap = path.suffix == ".bag", mcap or path.suffix.lower() == ".mcap"
     plugin = rosbag2.StoragePlugin.MCAP if mcap else rosbag2.StoragePlugin.SQLITE3
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent, "log") if path.suffix else path
@@ -103,7 +103,7 @@ def write_messages(
                 for time_ns, message in messages:
                     writer.write(connection, time_ns, serialize(message, kind))
         if path.suffix and not ros1:
-            shutil.copyfile(folder / f"log{path.suffix}", path)
+            shutil.copyfile(folder / f"log{path.suffix.lower()}", path)
     return path
 
 

@@ -74,6 +74,7 @@ def test_videos_without_frames_and_sound_without_video(tmp_path, suffix, hollow)
 
 def test_part_that_does_not_exist(video):
     assert [frame.number for frame in read_timed_frames(video, start_s=1.6, end_s=9)] == list(range(40, 50))
+    assert [number_of(image) for image in read_video(video, start_s=1.0, end_s=1.2)] == list(range(25, 30))
     with pytest.raises(VideoError, match="no frame at or after 2.5 s"):
         next(read_video(video, start_s=2.5))
     with pytest.raises(VideoError, match="start_s < end_s"):
@@ -119,6 +120,9 @@ def test_pixels_are_square(tmp_path, aspect, degrees, size):
     assert {image.shape[1::-1] for image in read_video(path)} == {size}
     written = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
     assert (written.width, written.height) == (size[0] + size[0] % 2, size[1] + size[1] % 2)
+    image, shown = ([*read_video(file)][-1].astype(int) for file in (path, tmp_path / "out.mp4"))
+    repeated = np.pad(image, ((0, size[1] % 2), (0, size[0] % 2), (0, 0)), "edge")
+    assert np.abs(shown - repeated).max() < 100
 
 
 @pytest.mark.parametrize(("matrix", "name"), [(8, "YCgCo"), (10, "bt2020c"), (14, "ICtCp")])
@@ -244,7 +248,9 @@ def test_cut_off_files_are_read_up_to_there(tmp_path, suffix):
     assert info.frames - 4 <= len(numbers) <= info.frames and numbers == list(range(len(numbers)))
     assert info.frames + info.missing == 250 and 0.3 < len(numbers) / 250 < 0.72
     assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
-    assert process_video(half, tmp_path / "out.mp4", unchanged, progress=False).missing == 250 - len(numbers)
+    for end_s in (None, 99.0):
+        written = process_video(half, tmp_path / "out.mp4", unchanged, end_s=end_s, progress=False)
+        assert written.missing == 250 - len(numbers)
 
 
 def cut(path, share: float, target):
