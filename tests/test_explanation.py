@@ -37,6 +37,11 @@ def lane_road(camera: Camera = CAMERA, width_m: float = 3.6) -> Road:
     return road.line(lambda x: -width_m / 2 - OFFSET_M + BEND * x**2 / 2, dash_m=(3.0, 9.0))
 
 
+# Of the left line 1 m, of the right one 0.3 m; the errors of a still are smaller.
+LEFT_UNCERTAIN = np.zeros((15, 15))
+LEFT_UNCERTAIN[:2, :2] = [[0.25, 0.4], [0.4, 1.0]]
+
+
 @pytest.fixture(scope="module")
 def good() -> Explanation:
     return explain(lane_road().image(), CAMERA)
@@ -80,11 +85,20 @@ class TestGoodImage:
             ({"same_lane_share": 0.2}, "only 20% of the camera poses"),
             ({"camera_yaw_rad": 0.1}, "the camera seems to look 5.7 deg farther to the right"),
             ({"camera_yaw_rad": -0.1}, "the camera seems to look 5.7 deg farther to the left"),
+            (
+                {"fit_covariance": LEFT_UNCERTAIN, "evidence": (LineEvidence(0.9, True, 54), LineEvidence(0.9, True, 66))},
+                "the worse line has a standard deviation of 0.7 m at 20 m ahead: the paint found ends after 54 m (left) "
+                "and 66 m (right).",
+            ),
         ],
     )
     def test_each_feature_of_the_confidence_can_be_the_weakest(self, good, change, words):
-        weak = replace(good, detection=replace(good.detection, lane=replace(good.lane, **change)))
-        assert f"weakest    {words}" in weak.describe()
+        detection = replace(good.detection, lane=replace(good.lane, **change))
+        assert f"weakest    {words}" in replace(good, detection=detection).describe()
+        if "fit_covariance" in change:
+            doubted = explain(good.image, CAMERA, detection=detection, pose_doubt="few pictures.").failed
+            assert doubted.failure.endswith(" The camera pose is doubtful, too: few pictures.")
+            assert doubted.advice.startswith("Use the video instead of a still")
 
     @pytest.mark.parametrize(
         ("lines_m", "words"),
@@ -173,13 +187,13 @@ def test_a_pose_from_the_same_files_is_not_to_be_estimated_again(name):
 DARK = replace(BENDS, black_s=(0.8, np.inf))
 
 
-def tracked(drive: PaintedDrive, until_s: float) -> tuple[Explanation, Lane | None]:
+def tracked(drive: PaintedDrive, until_s: float, **options: float) -> tuple[Explanation, Lane | None]:
     """The explanation of the frame at a time, and the lane of another tracker there."""
     times_s = np.arange(0.0, until_s + 1e-6, 0.08)
     frames = [TimedFrame(n, t, drive.frame(t), 0.08 if n else None) for n, t in enumerate(times_s)]
-    tracker = LaneTracker(drive.camera, fps=12.5)
+    tracker, other = (LaneTracker(drive.camera, fps=12.5, **options) for _ in range(2))
     lanes = [tracker.update(frame.image, elapsed_s=frame.elapsed_s) for frame in frames]
-    return explain_tracked(frames, LaneTracker(drive.camera, fps=12.5)), lanes[-1]
+    return explain_tracked(frames, other), lanes[-1]
 
 
 class TestTrackedFrame:
@@ -191,6 +205,8 @@ class TestTrackedFrame:
         assert re.search("prediction tracking, lane known for 0.72 s and last seen 0.08 s ago", explanation.describe())
         assert explanation.failed is None and not explanation.candidates and explanation.detection.search is None
         assert np.abs(explanation.prediction - lane.centres)[:2].max() < 0.1
+        doubted, _ = tracked(DARK, 0.72, confidence_shift=-9.0)
+        assert doubted.failed.advice == "No action is needed if the next frames are better."
         _, axes = show_explanation(explanation)
         titles = [axis.get_title() for axis in axes]
         assert [title.split()[0] for title in titles] == list("123456789")

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import find_evidence
-from lanes.detect.search import find_lane, search_lane
+from lanes.detect.evidence import PaintSettings, find_evidence
+from lanes.detect.fit import FitSettings
+from lanes.detect.search import DetectorSettings, find_lane, search_at_heights, search_lane
 from tests.support.painted_roads import ASPHALT, YELLOW, Arc, Road, dashcam
 
 CAMERA = dashcam()
@@ -86,6 +87,22 @@ def test_lines_between_those_of_the_lane_count(between_m):
 @pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
 def test_bare_road_has_no_lane(noise):
     assert find_lane(Road(CAMERA, noise=noise).image(), CAMERA) is None
+
+
+def test_a_lane_beside_the_car_has_a_smaller_score_by_one():
+    images = (Road(CAMERA).lines(y_m, y_m + 3.6).image() for y_m in (-0.2, 0.3))
+    inside, beside = (search_lane(find_evidence(image, VIEW, quick=True)).lane.score for image in images)
+    assert inside - beside == pytest.approx(1.0, abs=0.1)
+
+
+def test_each_step_has_the_given_settings():
+    """Here those that find nothing."""
+    image, paint = Road(CAMERA).lines(1.8, -1.8).image(), PaintSettings(min_strength=99.0)
+    fits = FitSettings(min_support=9.0), FitSettings(start=((2, 6),))
+    for blind in (DetectorSettings(paint), *(DetectorSettings(fit=fit) for fit in fits), DetectorSettings(near_m=60.0)):
+        (at_height,) = search_at_heights(image, CAMERA, np.array([1.3]), blind)
+        assert find_lane(image, CAMERA, blind) is at_height.lane is None
+    assert not len(find_evidence(image, VIEW, PaintSettings(noise_floor=1e4), quick=True).stripes)
 
 
 def test_a_lane_too_faint_for_the_band_filter_is_found():
