@@ -18,6 +18,7 @@ from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, PaintedDrive
 from tests.support.painted_roads import YELLOW, Road, dashcam
+from tests.support.shapes import a_lane
 
 CAMERA = dashcam(width=1280)
 BEND, OFFSET_M = 1 / 350, -0.4
@@ -66,7 +67,7 @@ class TestGoodImage:
         assert 1 / (1 + np.exp(-odds)) == pytest.approx(good.lane.confidence, abs=0.003)
         assert re.search(r"\noffset     0\.(39|4)", text) and "bend       bends left, R 3" in text
         assert re.search(r"votes +\d+ lanes proposed, best: 3\.\d m wide", text) and "failed" not in text
-        assert "-0.00" not in text
+        assert "-0.00" not in text and re.search(r"fit +score 1\.\d\d, paint on [89]\d% left, 2\d% right\n", text)
         assert repr(good).endswith("all steps passed)")
 
     def test_the_weakest_evidence_is_named(self, good):
@@ -100,17 +101,35 @@ class TestGoodImage:
             assert doubted.failure.endswith(" The camera pose is doubtful, too: few pictures.")
             assert doubted.advice.startswith("Use the video instead of a still")
 
+    def test_the_figure_shows_the_lane_where_it_is(self, good):
+        lane = replace(good.lane, model=good.lane.model + a_lane(width=0.0, pitch=0.02))
+        _, axes = show_explanation(replace(good, detection=replace(good.detection, lane=lane)))
+        pitched = CAMERA.with_pose(replace(CAMERA.pose, pitch_rad=CAMERA.pose.pitch_rad + 0.02))
+        marks = {mark.get_label(): mark.get_xydata() for mark in axes[1].get_lines()}
+        for name, camera, y in (("straight ahead of the car", CAMERA, 0.0), ("direction of the lane", pitched, 1.0)):
+            far_m = np.array([[1e7, y * 1e7 * np.tan(lane.heading_rad)]])
+            np.testing.assert_allclose(marks[name], camera.road_to_pixels(far_m), atol=1.0)
+        votes = axes[5].images[0]
+        bins_m = np.linspace(*votes.get_extent()[:2], 2 * votes.get_array().shape[1] + 1)[1::2]
+        assert bins_m[votes.get_array().max(axis=0).argmax()] == pytest.approx(lane.left.offset_m, abs=0.2)
+        for line, stripes, band in zip(lane.lines, axes[4].collections[1:], axes[6].collections[1:], strict=True):
+            y_m, x_m = stripes.get_offsets()[stripes.get_offsets()[:, 1] < 10.0].T
+            np.testing.assert_allclose(y_m, line.y(x_m), atol=0.3)
+            y_m, x_m = band.get_paths()[0].vertices.T
+            assert np.ptp(y_m[x_m == 20.0]) == pytest.approx(4 * line.std_m(20.0))
+
     @pytest.mark.parametrize(
-        ("lines_m", "words"),
+        ("lines_m", "dash_m", "words"),
         [
-            ((1.8, -1.8, 3.2), r"at \+3\.[12] m .*, because the lane would be [45]\.\d m wide"),
-            ((1.8, -1.8, -5.4), None),
+            ((1.8, -1.8, 3.2), None, r"ignored    a line at \+3\.[12] m .*, because the lane would be [45]\.\d m wide"),
+            ((1.8, -1.8, -5.4), None, None),
+            ((3.7, 0.1, -3.5), (3, 9), r"rejected   lines at \+3\.0 and -0\.5 m: less paint near the car \(paint"),
         ],
     )
-    def test_a_line_that_was_not_taken_has_its_reason(self, lines_m, words):
+    def test_what_was_not_taken_has_its_reason(self, lines_m, dash_m, words):
         """A line of the adjacent lane is none of them."""
-        text = explain(Road(CAMERA).lines(*lines_m).image(), CAMERA).describe()
-        assert re.search(f"ignored    a line {words}", text) if words else "ignored" not in text
+        text = explain(Road(CAMERA).lines(*lines_m, dash_m=dash_m).image(), CAMERA).describe()
+        assert re.search(words, text) if words else "ignored" not in text
 
 
 def spots_image() -> np.ndarray:
@@ -127,8 +146,8 @@ def tracks_image() -> np.ndarray:
 
 # image and camera, the step that fails, words of the reason
 FAILURES = {
-    "black": (lambda: (grey(3, 1.0), CAMERA), "birdseye", "almost black"),
-    "glare": (lambda: (grey(252, 1.0), CAMERA), "birdseye", "glaring white"),
+    "black": (lambda: (grey(17, 1.0), CAMERA), "birdseye", "almost black"),
+    "glare": (lambda: (grey(243, 1.0), CAMERA), "birdseye", "glaring white"),
     "fog": (lambda: (grey(128, 0.6), CAMERA), "birdseye", "no contrast"),
     "no lines": (lambda: (grey(100, 6.0), CAMERA), "markings", "no paint is found with a probability"),
     "spots": (lambda: (spots_image(), CAMERA), "fit", "do not line up"),
@@ -219,6 +238,7 @@ class TestTrackedFrame:
         explanation, _ = tracked(DARK, 1.2)
         assert explanation.lane.state == "coasting"
         assert "coasting, lane known for 1.20 s and last seen 0.48 s ago" in explanation.describe()
+        assert explanation.failed.failure.startswith("neither line is seen; the lane is predicted")
 
     def test_a_lost_lane_says_since_when_and_why(self):
         explanation, lane = tracked(DARK, 2.4)

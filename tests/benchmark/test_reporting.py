@@ -29,8 +29,8 @@ class TestTables:
         nothing = dict.fromkeys(("lateral_5m_median_m", "lateral_5m_p95_m", "available_share"), np.nan)
         heads, units, scene, line = describe_scores([row("fog", "tracker", **nothing)]).splitlines()
         assert scene == "fog (hard, 100 frames)"
-        large = {f"lateral_{x}m_{part}_m": 12.34 for x in (5, 15, 30) for part in ("median", "p95")}
-        assert "1234/1234 1234/1234 1234/1234   12/12 " in describe_scores([row("hairpin", "tracker", **large)])
+        large = {f"lateral_{x}m_{part}_m": x * k for x in (5, 15, 30) for part, k in (("median", 0.3), ("p95", 0.33))}
+        assert " 150/165 450/495  900/990   12/12 " in describe_scores([row("hairpin", "tracker", **large)])
         assert " ".join(line.split()) == "tracker - 50.0 25.0 - 12/12 12/12 12/12 12/12 0.1/0.1 0.1/0.1 0/12 9.0"
 
     def test_what_is_not_significantly_worse_is_marked(self):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -93,6 +95,16 @@ def test_a_lane_beside_the_car_has_a_smaller_score_by_one():
     images = (Road(CAMERA).lines(y_m, y_m + 3.6).image() for y_m in (-0.2, 0.3))
     inside, beside = (search_lane(find_evidence(image, VIEW, quick=True)).lane.score for image in images)
     assert inside - beside == pytest.approx(1.0, abs=0.1)
+
+
+def test_all_lengths_grow_with_the_height_of_the_camera():
+    evidence = find_evidence(Road(CAMERA).lines(1.8, -1.8).image(), VIEW, quick=True)
+    higher = evidence.at_height(1.2 * VIEW.height_m)
+    for name in ("x_m", "y_m", "std_m"):
+        np.testing.assert_allclose(getattr(higher.stripes, name), 1.2 * getattr(evidence.stripes, name))
+    anew = replace(higher.view)
+    for name in ("x_m", "y_m", "pixels"):
+        np.testing.assert_allclose(getattr(higher.view, name), getattr(anew, name), rtol=1e-9)
 
 
 def test_each_step_has_the_given_settings():

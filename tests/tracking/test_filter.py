@@ -23,6 +23,7 @@ from lanes.tracking.filter import (
     REST_PITCH,
     SPEED,
     State,
+    car_motion,
     initial_state,
     predict,
     to_adjacent_lane,
@@ -68,6 +69,12 @@ def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, leve
     lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
     estimate = initial_state(lane, COVARIANCE, speed_mps)
     assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
+    # the course says so, too; errors of heading and path that compensate each other do not make it uncertain
+    estimate.mean[CAMERA_YAW] = 0.1
+    together = np.zeros(len(estimate.mean))
+    together[[HEADING, PATH]] = lever_m, 1
+    motion = car_motion(State(estimate.mean, np.outer(together, together)))
+    assert (motion.course_rad, motion.course_std_rad) == pytest.approx((0.1 + lever_m / 20, 0.0), abs=0.02)
 
 
 def test_the_springs_relax_the_camera_yaw_moves_nothing_and_no_car_is_faster_than_its_bend_allows():
