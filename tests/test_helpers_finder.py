@@ -152,6 +152,7 @@ def test_width_and_height_scale_apart():
     assert v.tolist() == [920.5, 920.5, 1340.5, 1340.5]
     assert recipe.histogram_rows_px == (720, 1440)
     assert (recipe.margin_px, recipe.min_span_px, recipe.recentre_pixels) == (80, 320, 100)
+    assert get_recipe("best_channel", (1280, 1440)).flood_pixels == 19000
 
 
 def test_helpers_uses_of_lanes_only_the_camera_files_images_texts_and_drawing():
@@ -171,7 +172,8 @@ def test_measures_need_both_lines_except_the_curvature():
     assert (none.curvature_per_m, none.offset_m, none.lateral_m(np.zeros(1))) == (None, None, None)
     row = one.as_row()
     assert (row["state"], row["left_c0_m"], row["offset_m"], row["right_c0_m"]) == ("lost", 1.7, None, None)
-    # the width is measured across the lane
+    # curvature and width are measured across the lane
+    assert RoadLine(0.0, 0.75, 0.01).curvature_per_m() == pytest.approx(0.01 / 1.25**3)
     heading = 0.1
     left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)

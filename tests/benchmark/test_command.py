@@ -131,7 +131,7 @@ class TestEvaluation:
         assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
-        for task in [(other, "tracker"), (prepared, "best_channel")]:
+        for task in [(other, "tracker"), (prepared, "best_channel"), (replace(prepared, markings=len), "tracker")]:
             with pytest.raises(pytest.fail.Exception, match="computed again"):
                 cached_estimates(task, folder=tmp_path, workers=1)
 
