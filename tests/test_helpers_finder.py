@@ -70,6 +70,8 @@ def test_one_missing_line_leaves_the_other_and_no_lane(name):
     result = finder(name).find(picture(HALF_LANE))
     assert result.state == "lost"
     assert result.right is result.right_road is result.offset_m is None
+    follow = finder(name)
+    assert [follow.follow(picture(road)).state for road in (LEFT_BEND, HALF_LANE)] == ["found", "kept"]
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(500 - LANE_WIDTH_M / 2, rel=0.1)
 
 
@@ -117,6 +119,7 @@ def test_recipe_c_chooses_a_channel_for_each_line_and_no_noise():
     assert (result.masks["hue"][500:] > 0).mean() > 0.05  # the hue of neutral asphalt is noise over the full range
     assert result.left_found.channel in {*get_recipe("best_channel").video_thresholds.candidates} - {"hue"}
     assert result.right_found.channel in ("red", "luv lightness", "gradients")
+    assert all(result.warped_binary[v, u] for found in (result.left_found, result.right_found) for u, v in found.pixels)
 
 
 @every_recipe

@@ -82,7 +82,7 @@ DIRECTION = Levels("gray", 0.7, 1.2, "direction")
         (SLANTED, [STRONG, DIRECTION], True),
         (UPRIGHT, [STRONG, DIRECTION], False),
         # the upper end drops steep edges unless it is the end of the scale
-        (step(0, 255), [Levels("gray", 100, 200, "gradient x", full_step=100)], False),
+        (step(0, 150), [Levels("gray", 100, 200, "gradient x", full_step=100)], False),
         (step(0, 255), [Levels("gray", 100, 255, "gradient x", full_step=100)], True),
     ],
 )
