@@ -135,17 +135,14 @@ def test_colours_thickness_opacity_and_parts_are_those_asked_for():
     assert strong[v, u].tolist() == [1, 2, 3]
     assert not is_colour(plain, "left").any()
     far = replace(lane, far_evidence=(LineEvidence(0.5, True, 20.0),) * 2)
-    for of, part, name, half in (
-        (lane, "lines", "left", np.s_[:, :320]),
-        (at(0.4, lane), "lines", "uncertain", np.s_[:]),
-        (far, "far lines", "far left", np.s_[:, :320]),
-        (far, "far lines", "far right", np.s_[:, 320:]),
-    ):
-        drawn = (draw_lane(image, of, SMALL, parts=[part], thickness=t)[half] for t in (1.0, 3.0))
-        thin, thick = (is_colour(each, name) for each in drawn)
+    for of, name in ((lane, "left"), (at(0.4, lane), "uncertain"), (far, "far left"), (far, "far right")):
+        parts = ["far lines" if of is far else "lines"]
+        thin, thick = (is_colour(draw_lane(image, of, SMALL, parts=parts, thickness=t), name) for t in (1.0, 3.0))
         assert thick.sum() > 2 * thin.sum() > 0
         if of is far:
             assert thin.any(axis=1).argmax() == pytest.approx(pixels_at(20.0, 0.0)[0, 1], abs=3)
+            assert (np.nonzero(thin)[1].mean() < SMALL.width / 2) == (name == "far left")
+    np.testing.assert_allclose(draw_lane(image, None, SMALL)[2, 2], 0.4 * image[2, 2] + 0.6 * 19, atol=2)
     np.testing.assert_array_equal(draw_lane(image, lane, SMALL, parts=[]), image)
 
 

@@ -165,11 +165,10 @@ class TestEvaluation:
         run_systems(PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true"), [("tracker", 1), ("tracker", 2)])
         assert fps[0] == 2 * fps[1] and told[:2] == [None, None] and told[2:] == pytest.approx([0.04, 0.16, 0.2, 0.04])
 
-    def test_no_lane_scenes_have_no_true_lane(self, folder):
+    def test_video_and_truth_must_belong_together(self, folder, tmp_path):
+        """Scenes without a lane have no true lane."""
         assert read_truth(custom(folder / "bend.mp4")).exists.all()
         assert not read_truth(custom(folder / "bend.mp4", "no lane")).exists.any()
-
-    def test_video_and_truth_must_belong_together(self, folder, tmp_path):
         for suffix in (".mp4", ".csv", ".yaml"):
             (tmp_path / f"bend{suffix}").write_bytes((folder / f"bend{suffix}").read_bytes())
         rows = (tmp_path / "bend.csv").read_text().splitlines()

@@ -70,10 +70,9 @@ def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, leve
     estimate = initial_state(lane, COVARIANCE, speed_mps)
     assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
     # the course says so, too; errors of heading and path that compensate each other do not make it uncertain
-    estimate.mean[CAMERA_YAW] = 0.1
-    together = np.zeros(len(estimate.mean))
-    together[[HEADING, PATH]] = lever_m, 1
-    motion = car_motion(State(estimate.mean, np.outer(together, together)))
+    errors = np.zeros(len(estimate.mean))
+    errors[[HEADING, PATH]] = lever_m, 1
+    motion = car_motion(State(estimate.mean + 0.1 * (np.arange(len(errors)) == CAMERA_YAW), np.outer(errors, errors)))
     assert (motion.course_rad, motion.course_std_rad) == pytest.approx((0.1 + lever_m / 20, 0.0), abs=0.02)
 
 
