@@ -18,7 +18,6 @@ from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, PaintedDrive
 from tests.support.painted_roads import YELLOW, Road, dashcam
-from tests.support.shapes import a_lane
 
 CAMERA = dashcam(width=1280)
 BEND, OFFSET_M = 1 / 350, -0.4
@@ -96,21 +95,6 @@ class TestGoodImage:
             doubted = explain(good.image, CAMERA, detection=detection, pose_doubt="few pictures.").failed
             assert doubted.failure.endswith(" The camera pose is doubtful, too: few pictures.")
             assert doubted.advice.startswith("Use the video instead of a still")
-
-    def test_the_figure_shows_the_lane_where_it_is(self, good):
-        lane = replace(good.lane, model=good.lane.model + a_lane(width=0.0, pitch=0.02))
-        _, axes = show_explanation(replace(good, detection=replace(good.detection, lane=lane)))
-        pitched = CAMERA.with_pose(replace(CAMERA.pose, pitch_rad=CAMERA.pose.pitch_rad + 0.02))
-        far_px = pitched.road_to_pixels(1e7 * np.array([[1.0, np.tan(lane.heading_rad)]]))
-        np.testing.assert_allclose(axes[1].get_lines()[-1].get_xydata(), far_px, atol=1.0)
-        votes = axes[5].images[0]
-        bins_m = np.linspace(*votes.get_extent()[:2], 2 * votes.get_array().shape[1] + 1)[1::2]
-        assert bins_m[votes.get_array().max(axis=0).argmax()] == pytest.approx(lane.left.offset_m, abs=0.2)
-        for line, stripes, band in zip(lane.lines, axes[4].collections[1:], axes[6].collections[1:], strict=True):
-            y_m, x_m = stripes.get_offsets()[stripes.get_offsets()[:, 1] < 10.0].T
-            np.testing.assert_allclose(y_m, line.y(x_m), atol=0.3)
-            y_m, x_m = band.get_paths()[0].vertices.T
-            assert np.ptp(y_m[x_m == 20.0]) == pytest.approx(4 * line.std_m(20.0))
 
     @pytest.mark.parametrize(
         ("lines_m", "dash_m", "words"),
@@ -226,6 +210,11 @@ class TestTrackedFrame:
         assert all(any(step.summary in title for title in titles) for step in explanation.steps[2:5])
         assert "\noffset     0.3" in axes[8].texts[0].get_text()
         assert "predicted" in [text.get_text() for text in axes[6].get_legend().get_texts()]
+        for line, stripes, band in zip(lane.lines, axes[4].collections[1:], axes[6].collections[1:], strict=True):
+            y_m, x_m = stripes.get_offsets()[stripes.get_offsets()[:, 1] < 10.0].T
+            np.testing.assert_allclose(y_m, line.y(x_m), atol=0.3)
+            y_m, x_m = band.get_paths()[0].vertices.T
+            assert np.ptp(y_m[x_m == 20.0]) == pytest.approx(4 * line.std_m(20.0))
 
     def test_a_lane_that_is_not_seen_is_predicted(self):
         explanation, _ = tracked(DARK, 1.2)

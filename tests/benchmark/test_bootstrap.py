@@ -58,13 +58,11 @@ BEST = [1.0, 0.9, 0.95, 1.0, 0.9, 0.95, 1.0, 0.9]
 
 
 def test_worse_in_every_drive_is_significant_and_in_one_of_eight_is_not():
-    """In the latter, 80 of 800 frames would decide it if they were independent.
-
-    Without a lane the fewest confident and wrong frames are best.
-    """
+    """In the latter, 80 of 800 frames would decide it if they were independent."""
     every, one = [share - 0.05 for share in BEST], [0.2, *BEST[1:]]
     assert among_best([drives(every), drives(BEST)]) == [False, True]
     assert among_best([drives(BEST), drives(one)]) == [True, True]
+    # without a lane the fewest confident and wrong frames are best
     quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))
     assert among_best([[false], [quiet]]) == [False, True] and np.isnan(accuracy_interval([false])).all()
 

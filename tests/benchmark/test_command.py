@@ -103,13 +103,10 @@ def test_wrong_usage_is_reported(arguments, words, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_the_scenes_are_listed(capsys):
+def test_the_scenes_are_listed_and_the_options_reach_the_run(monkeypatch, capsys):
+    """The committed video is variant 0 of its scene; another one is rendered."""
     assert main(["benchmark", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(list_drives())
-
-
-def test_the_options_reach_the_run(monkeypatch):
-    """The committed video is variant 0 of its scene; another one is rendered."""
     asked = []
     monkeypatch.setattr(evaluation, "run_benchmark", lambda *given, **options: asked.append((*given, options)) or 1 / 0)
     words = ["motorway", "--seed", "3", "--estimated-pose", "--workers", "2", "--system", "tracker,detector"]
@@ -166,7 +163,6 @@ class TestEvaluation:
         assert fps[0] == 2 * fps[1] and told[:2] == [None, None] and told[2:] == pytest.approx([0.04, 0.16, 0.2, 0.04])
 
     def test_video_and_truth_must_belong_together(self, folder, tmp_path):
-        """Scenes without a lane have no true lane."""
         assert read_truth(custom(folder / "bend.mp4")).exists.all()
         assert not read_truth(custom(folder / "bend.mp4", "no lane")).exists.any()
         for suffix in (".mp4", ".csv", ".yaml"):
