@@ -102,11 +102,9 @@ def test_the_confidence_decides_what_is_drawn(confidence, filled):
     assert (drawn[v, u] != image[v, u]).any() == (drawn[far_v, far_u] != image[far_v, far_u]).any() == filled
     name = "left" if filled else "uncertain"
     rows = is_colour(drawn[round(pixels_at(16.0, 0.0)[0, 1]) : -5, : SMALL.width // 2], name).any(axis=1)
-    assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75
+    assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75 and (rows.mean() > 0.5) == (confidence > 0.15)
     # a lane that is hardly possible is a hint, and none in words
     words = describe_lane(doubted)
-    hint = draw_lane(image, at(0.1, lane), SMALL)
-    assert filled or is_colour(drawn, name).sum() > 1.5 * is_colour(hint, name).sum() or confidence == 0.1
     assert words == ["no lane"] if confidence == 0.1 else words[3].endswith("(uncertain)") != filled
 
 

@@ -20,6 +20,7 @@ from tests.support.painted_drive import BENDS, PaintedDrive
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
+AHEAD, ASIDE, LOWERED = (dashcam(1280, **pose) for pose in ({"yaw_rad": 0.0}, {"yaw_rad": -0.1}, {"pitch_rad": 0.045}))
 BEND, OFFSET_M = 1 / 350, -0.4
 WORN, NEAR = (115, 115, 115), (LineEvidence(0.9, True, 5.0), LineEvidence(0.9, True, 6.0))
 UNSURE = {"fit_covariance": np.diag([0.25, 1.0, *[0.0] * 13]), "evidence": NEAR}
@@ -131,18 +132,14 @@ FAILURES = {
         r"nearer than \d\d m",
     ),
     "one line": (lambda: Road(CAMERA).lines(1.8).image(), "lane", "right line is not seen"),
-    "pitch motion": (
-        lambda: lane_road(dashcam(1280, pitch_rad=0.045)).image(),
-        "lane",
-        r"look [23]\.\d deg farther down",
-    ),
+    "pitch motion": (lambda: lane_road(LOWERED).image(), "lane", r"look [23]\.\d deg farther down"),
     "wrong yaw": (
-        lambda: lane_road(dashcam(1280, yaw_rad=-0.1)).image(),
+        lambda: lane_road(ASIDE).image(),
         "lane",
         r"points [56]\.\d deg away from the car's direction",
-        dashcam(width=1280, yaw_rad=0.0),
+        AHEAD,
     ),
-    "lines between": (lambda: Road(CAMERA).lines(0.0).lines(1.8, -1.8, colour=WORN).image(), "lane", "other lines run"),
+    "tracks": (lambda: Road(CAMERA).lines(0).lines(1.8, -1.8, colour=WORN).image(), "lane", "other lines run between"),
     "narrow": (lambda: lane_road(width_m=2.6).image(), "lane", r"width of 2\.6 m is implausible"),
 }
 
