@@ -62,8 +62,7 @@ def test_worse_in_every_drive_is_significant_and_in_one_of_eight_is_not():
     every, one = [share - 0.05 for share in BEST], [0.2, *BEST[1:]]
     assert among_best([drives(every), drives(BEST)]) == [False, True]
     assert among_best([drives(BEST), drives(one)]) == [True, True]
-    # without a lane the fewest confident and wrong frames are best
-    quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))
+    quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))  # no lane: false ones count
     assert among_best([[false], [quiet]]) == [False, True] and np.isnan(accuracy_interval([false])).all()
 
 

@@ -26,8 +26,7 @@ def test_lateral_std_is_that_of_drawn_lanes(curvature):
     drawn = np.random.default_rng(2).normal(model, STD, (600, len(model)))
     expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
     np.testing.assert_allclose(found_lane(model, STD).lateral_std_m(X_M), expected, rtol=0.1)
-    of_straight = [line_y_gradients(X_M, a_lane(), side) for side in SIDES]
-    np.testing.assert_allclose(lateral_gradients(X_M), of_straight, rtol=1e-4, atol=1e-6)
+    np.testing.assert_allclose(lateral_gradients(X_M), [line_y_gradients(X_M, a_lane(), s) for s in SIDES], 1e-4, 1e-6)
 
 
 def test_a_line_that_has_turned_back_has_no_position_and_no_std():
