@@ -91,9 +91,7 @@ def test_truth_rows_are_empty_without_a_lane(tmp_path):
 
 def test_rows_below_a_small_image_have_no_line():
     drive = small_drive(camera=Camera.from_fov((1280, 600), 60, POSE))
-    entry = truth_entry(
-        drive.truth(), raw_file="a.jpg", camera=drive.camera_at(0.0), hidden=np.zeros((600, 1280), bool)
-    )
+    entry = truth_entry(drive.truth(), raw_file="a", camera=drive.camera_at(0.0), hidden=np.zeros((600, 1280), bool))
     assert entry["left_y_m"] > entry["right_y_m"]
     below = np.array(entry["h_samples"]) >= 600
     for lane in np.array(entry["lanes"]):
