@@ -198,8 +198,8 @@ class TestTrackedFrame:
         assert re.search("prediction tracking, lane known for 0.72 s and last seen 0.08 s ago", explanation.describe())
         assert explanation.failed is None and not explanation.candidates and explanation.detection.search is None
         assert np.abs(explanation.prediction - lane.centres)[:2].max() < 0.1
-        doubted, _ = tracked(DARK, 0.72, confidence_shift=-9.0)
-        assert doubted.failed.advice == "No action is needed if the next frames are better."
+        advice = tracked(DARK, 0.72, confidence_shift=-9.0)[0].failed.advice
+        assert advice == "No action is needed if the next frames are better."
         _, axes = show_explanation(explanation)
         titles = [axis.get_title() for axis in axes]
         assert [title.split()[0] for title in titles] == list("123456789")

@@ -154,8 +154,7 @@ def test_width_and_height_scale_apart():
     assert u.tolist() == [580, 740, 1100, 270]
     assert v.tolist() == [920.5, 920.5, 1340.5, 1340.5]
     assert recipe.histogram_rows_px == (720, 1440)
-    pixels = recipe.recentre_pixels, get_recipe("best_channel", (1280, 1440)).flood_pixels
-    assert (recipe.margin_px, recipe.min_span_px, *pixels) == (80, 320, 100, 19000)
+    assert (recipe.margin_px, recipe.min_span_px, recipe.recentre_pixels) == (80, 320, 100)
 
 
 def test_helpers_uses_of_lanes_only_the_camera_files_images_texts_and_drawing():
