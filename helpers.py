@@ -453,9 +453,9 @@ class RoadLine:
         """Lateral position at `x_m` metres ahead, positive left."""
         return self.c0_m + self.c1 * x_m + self.c2_per_m * np.square(x_m) / 2
 
-    def curvature_per_m(self, x_m: float = 0.0) -> float:
-        """Signed curvature y'' / (1 + y'^2)^1.5 in 1/m, by default at the car."""
-        return self.c2_per_m / (1 + (self.c1 + self.c2_per_m * x_m) ** 2) ** 1.5
+    def curvature_per_m(self) -> float:
+        """Signed curvature y'' / (1 + y'^2)^1.5 at the car, in 1/m."""
+        return self.c2_per_m / (1 + self.c1**2) ** 1.5
 
 
 def road_line(fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int) -> RoadLine | None:

@@ -102,7 +102,7 @@ def test_the_confidence_decides_what_is_drawn(confidence, filled):
     assert (drawn[v, u] != image[v, u]).any() == (drawn[far_v, far_u] != image[far_v, far_u]).any() == filled
     name = "left" if filled else "uncertain"
     rows = is_colour(drawn[round(pixels_at(16.0, 0.0)[0, 1]) : -5, : SMALL.width // 2], name).any(axis=1)
-    assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75
+    assert rows.mean() > 0.9 if filled else 0.05 < rows.mean() < 0.75 and (rows.mean() > 0.5) == (confidence > 0.15)
     # a lane that is hardly possible is a hint, and none in words
     words = describe_lane(doubted)
     assert words == ["no lane"] if confidence == 0.1 else words[3].endswith("(uncertain)") != filled
@@ -132,8 +132,15 @@ def test_colours_thickness_opacity_and_parts_are_those_asked_for():
     strong = draw_lane(image, lane, SMALL, parts=["area"], opacity=1.0, colours={"area": (1, 2, 3)})
     assert strong[v, u].tolist() == [1, 2, 3]
     assert not is_colour(plain, "left").any()
-    thin, thick = (draw_lane(image, lane, SMALL, parts=["lines"], thickness=t)[v] for t in (1.0, 3.0))
-    assert is_colour(thick, "left").sum() > 2 * is_colour(thin, "left").sum() > 0
+    far = replace(lane, far_evidence=(LineEvidence(0.5, True, 20.0),) * 2)
+    for of, name in ((lane, "left"), (at(0.4, lane), "uncertain"), (far, "far left"), (far, "far right")):
+        parts = ["far lines" if of is far else "lines"]
+        thin, thick = (is_colour(draw_lane(image, of, SMALL, parts=parts, thickness=t), name) for t in (1.0, 3.0))
+        assert thick.sum() > 2 * thin.sum() > 0
+        if of is far:
+            assert thin.any(axis=1).argmax() == pytest.approx(pixels_at(20.0, 0.0)[0, 1], abs=3)
+            assert (np.nonzero(thin)[1].mean() < SMALL.width / 2) == (name == "far left")
+    np.testing.assert_allclose(draw_lane(image, None, SMALL)[2, 2], 0.4 * image[2, 2] + 0.6 * 19, atol=2)
     np.testing.assert_array_equal(draw_lane(image, lane, SMALL, parts=[]), image)
 
 
@@ -148,7 +155,8 @@ def test_styles_keep_the_picture_size_and_show_the_lost_state(style):
 
 def test_mosaic_shows_fit_and_marking_response():
     image, lane = tracked_bends()
-    mosaic = draw_lane(image, lane, SMALL, style="mosaic")
+    lane = replace(lane, evidence=tuple(replace(line, reach_m=12.0) for line in lane.evidence))
+    mosaic, inset = (draw_lane(image, lane, SMALL, style=style) for style in ("mosaic", "inset"))
     height, width = image.shape[:2]
     panels = [mosaic[i * height // 3 : (i + 1) * height // 3, 2 * width // 3 + 4 :].astype(int) for i in range(3)]
     response, fit = panels[1][30:-8], panels[2]
@@ -158,4 +166,6 @@ def test_mosaic_shows_fit_and_marking_response():
     red = np.flatnonzero((rows[:, :, 0] - rows[:, :, 1] > 80).any(axis=0))
     blue = np.flatnonzero((rows[:, :, 2] - rows[:, :, 0] > 80).any(axis=0))
     assert np.median(red) == pytest.approx(columns[0], abs=6) and np.median(blue) == pytest.approx(columns[1], abs=6)
+    assert is_colour(inset[: height // 3, -width // 6 :], "left").any()
+    assert not is_colour(fit[: len(fit) // 2], "left").any()  # the line ends before the view
     assert (np.ptp(response, axis=2) == 0).all() and response.max() > 200

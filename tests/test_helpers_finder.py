@@ -70,6 +70,8 @@ def test_one_missing_line_leaves_the_other_and_no_lane(name):
     result = finder(name).find(picture(HALF_LANE))
     assert result.state == "lost"
     assert result.right is result.right_road is result.offset_m is None
+    follow = finder(name)
+    assert [follow.follow(picture(road)).state for road in (LEFT_BEND, HALF_LANE)] == ["found", "kept"]
     assert 1 / result.left_road.curvature_per_m() == pytest.approx(500 - LANE_WIDTH_M / 2, rel=0.1)
 
 
@@ -117,6 +119,7 @@ def test_recipe_c_chooses_a_channel_for_each_line_and_no_noise():
     assert (result.masks["hue"][500:] > 0).mean() > 0.05  # the hue of neutral asphalt is noise over the full range
     assert result.left_found.channel in {*get_recipe("best_channel").video_thresholds.candidates} - {"hue"}
     assert result.right_found.channel in ("red", "luv lightness", "gradients")
+    assert all(result.warped_binary[v, u] for found in (result.left_found, result.right_found) for u, v in found.pixels)
 
 
 @every_recipe
@@ -171,7 +174,8 @@ def test_measures_need_both_lines_except_the_curvature():
     assert (none.curvature_per_m, none.offset_m, none.lateral_m(np.zeros(1))) == (None, None, None)
     row = one.as_row()
     assert (row["state"], row["left_c0_m"], row["offset_m"], row["right_c0_m"]) == ("lost", 1.7, None, None)
-    # the width is measured across the lane
+    # curvature and width are measured across the lane
+    assert RoadLine(0.0, 0.75, 0.01).curvature_per_m() == pytest.approx(0.01 / 1.25**3)
     heading = 0.1
     left, right = (RoadLine(side * 1.85 / np.cos(heading), np.tan(heading), 0.0) for side in (1, -1))
     assert lane_result(left, right).lane_width_m == pytest.approx(3.7)

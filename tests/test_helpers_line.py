@@ -38,6 +38,8 @@ def test_recipe_a_keeps_its_average_and_reports_kept(fit):
     assert memory.average == line(100)
     assert memory.search_prior is None  # sliding windows in the next frame; recipe B keeps to its band
     assert B.update(line(100)).update(None).search_prior == line(100)
+    small = memory.scaled(0.5, 0.25)  # without fits, and with the limits of smaller pictures
+    assert small.accept_limits == pytest.approx((0.008, 2.0, 50)) and small.fits == ()
 
 
 @pytest.mark.parametrize(("memory", "share", "bent"), [(C_LEFT, 0.05, 1), (C_RIGHT, 0.15, 2)])
@@ -61,9 +63,3 @@ def test_a_line_missed_too_often_is_deleted(memory, max_missed):
     assert lost.update(line(900)).average == line(900)
     seen_between = after(kept.update(line(100)), [None] * max_missed)
     assert seen_between.state == "kept"
-
-
-def test_limits_scale_with_the_picture():
-    small = A.update(line(100)).scaled(0.5, 0.25)
-    assert small.accept_limits == pytest.approx((0.008, 2.0, 50))
-    assert small.fits == ()

@@ -54,7 +54,7 @@ class TestOwnPose:
 
     def test_the_poses_agree_on_a_lane_that_is_clear_and_not_on_one_among_many_lines(self):
         clear = own_pose(paint_motorway(CAMERA, lines=(0, 1), solid=(0, 1))).lane
-        assert clear.same_lane_share == 1.0
+        assert clear.same_lane_share == 1.0 and clear.camera.pose == POSE
         # as on a car park, 1.2 m apart
         many = paint_motorway(Camera.from_fov((640, 360), 60, replace(POSE, height_m=1.7 * 3)), lines=range(-6, 8))
         doubtful = own_pose(many, height_log_std=0.25).lane

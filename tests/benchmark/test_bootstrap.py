@@ -62,6 +62,8 @@ def test_worse_in_every_drive_is_significant_and_in_one_of_eight_is_not():
     every, one = [share - 0.05 for share in BEST], [0.2, *BEST[1:]]
     assert among_best([drives(every), drives(BEST)]) == [False, True]
     assert among_best([drives(BEST), drives(one)]) == [True, True]
+    quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))  # no lane: false ones count
+    assert among_best([[false], [quiet]]) == [False, True] and np.isnan(accuracy_interval([false])).all()
 
 
 def test_a_single_drive_is_divided_into_seconds():
@@ -72,8 +74,3 @@ def test_a_single_drive_is_divided_into_seconds():
     assert among_best(systems) == [True, True, False]
     low, high = accuracy_interval(systems[1])
     assert low < 245 / 250 < high
-
-
-def test_without_a_lane_the_fewest_confident_and_wrong_frames_are_best():
-    quiet, false = (result(np.full(100, quiet), exists=False) for quiet in (True, False))
-    assert among_best([[false], [quiet]]) == [False, True] and np.isnan(accuracy_interval([false])).all()

@@ -103,13 +103,10 @@ def test_wrong_usage_is_reported(arguments, words, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_the_scenes_are_listed(capsys):
+def test_the_scenes_are_listed_and_the_options_reach_the_run(monkeypatch, capsys):
+    """The committed video is variant 0 of its scene; another one is rendered."""
     assert main(["benchmark", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(list_drives())
-
-
-def test_the_options_reach_the_run(monkeypatch):
-    """The committed video is variant 0 of its scene; another one is rendered."""
     asked = []
     monkeypatch.setattr(evaluation, "run_benchmark", lambda *given, **options: asked.append((*given, options)) or 1 / 0)
     words = ["motorway", "--seed", "3", "--estimated-pose", "--workers", "2", "--system", "tracker,detector"]
@@ -131,7 +128,7 @@ class TestEvaluation:
         assert cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
         pose = replace(prepared.camera.pose, pitch_rad=0.0)
         other = replace(prepared, camera=prepared.camera.with_pose(pose))
-        for task in [(other, "tracker"), (prepared, "best_channel")]:
+        for task in [(other, "tracker"), (prepared, "best_channel"), (replace(prepared, markings=len), "tracker")]:
             with pytest.raises(pytest.fail.Exception, match="computed again"):
                 cached_estimates(task, folder=tmp_path, workers=1)
 
@@ -160,15 +157,13 @@ class TestEvaluation:
                 video.write(BENDS.frame(time_s), time_s)
         told: list[float | None] = []
         started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: {})
-        monkeypatch.setattr(evaluation, "start_system", lambda *_, **__: started)
+        monkeypatch.setattr(evaluation, "start_system", lambda *given, **_: told.append(given[2]) or started)
         run_systems(PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true"), [("tracker", 1), ("tracker", 2)])
-        assert told[:2] == [None, None] and told[2:] == pytest.approx([0.04, 0.16, 0.2, 0.04])
-
-    def test_no_lane_scenes_have_no_true_lane(self, folder):
-        assert read_truth(custom(folder / "bend.mp4")).exists.all()
-        assert not read_truth(custom(folder / "bend.mp4", "no lane")).exists.any()
+        assert told[0] == 2 * told[1] and told[2:] == pytest.approx([None, None, 0.04, 0.16, 0.2, 0.04])
 
     def test_video_and_truth_must_belong_together(self, folder, tmp_path):
+        assert read_truth(custom(folder / "bend.mp4")).exists.all()
+        assert not read_truth(custom(folder / "bend.mp4", "no lane")).exists.any()
         for suffix in (".mp4", ".csv", ".yaml"):
             (tmp_path / f"bend{suffix}").write_bytes((folder / f"bend{suffix}").read_bytes())
         rows = (tmp_path / "bend.csv").read_text().splitlines()

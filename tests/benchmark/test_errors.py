@@ -162,15 +162,13 @@ class TestUnknown:
         assert row["lateral_5_20m_p95_m"] == 0
         assert row["recovery_longest_frames"] == 2
 
-    def test_a_confident_lane_where_none_exists_is_wrong(self):
+    def test_a_confident_lane_is_wrong_where_none_exists_or_another_one(self):
         confidence = np.array([0.95, 0.9, 0.89, 0.1, np.nan])
         row = score([frame_errors(replace(perfect(truth()), confidence=confidence), NO_LANE)])
         # the last one states no confidence, like the recipes
         assert row["confident_and_wrong_share"] == 0.6
         assert (row["lane_frames"], row["recovery_longest_frames"]) == (0, 0)
         assert np.isnan([row["available_share"], row["accuracy"], row["offset_median_m"]]).all()
-
-    def test_a_wrong_lane_with_low_confidence_is_not_confident_and_wrong(self):
         wrong = shifted(perfect(truth(), confidence=0.89), 1.0)
         assert not frame_errors(wrong, truth()).confident_and_wrong.any()
         assert frame_errors(replace(wrong, confidence=np.full(N, np.nan)), truth()).confident_and_wrong.all()

@@ -29,16 +29,18 @@ class TestTables:
         nothing = dict.fromkeys(("lateral_5m_median_m", "lateral_5m_p95_m", "available_share"), np.nan)
         heads, units, scene, line = describe_scores([row("fog", "tracker", **nothing)]).splitlines()
         assert scene == "fog (hard, 100 frames)"
-        large = {f"lateral_{x}m_{part}_m": 12.34 for x in (5, 15, 30) for part in ("median", "p95")}
-        assert "1234/1234 1234/1234 1234/1234   12/12 " in describe_scores([row("hairpin", "tracker", **large)])
+        large = {f"lateral_{x}m_{part}_m": x * k for x in (5, 15, 30) for part, k in (("median", 0.3), ("p95", 0.33))}
+        assert " 150/165 450/495  900/990   12/12 " in describe_scores([row("hairpin", "tracker", **large)])
         assert " ".join(line.split()) == "tracker - 50.0 25.0 - 12/12 12/12 12/12 12/12 0.1/0.1 0.1/0.1 0/12 9.0"
 
-    def test_what_is_not_significantly_worse_is_marked(self):
+    def test_what_is_not_significantly_worse_is_marked_and_intervals_are_rounded_outwards(self):
         """In Markdown, too: tests/end_to_end/test_docs.py compares the tables of the README."""
         numbers = {"accuracy_low": 0.4321, "accuracy_high": 0.9}
         rows = [row("bridge", name, among_best=best, **numbers) for name, best in (("a", 1.0), ("b", 0.0))]
         marked = [line.split()[2] for line in describe_scores(rows).splitlines() if line.startswith("  ")][2:]
         assert marked == ["50.0*", "50.0"]
+        cells = [describe_interval(*interval) for interval in ((0.931, 0.989), (0.93, 1.0), (0.0, 0.0004))]
+        assert cells == ["(93-99)", "(93-100)", "(0-1)"]
 
     def test_other_files_are_refused(self, tmp_path):
         with pytest.raises(FileNotFoundError, match=r"none.csv: there is no such table"):
@@ -46,11 +48,6 @@ class TestTables:
         (tmp_path / "other.csv").write_text("frame,time_s\n0,0\n")
         with pytest.raises(ValueError, match=r"other.csv: is not a table of the benchmark"):
             results_table(tmp_path / "other.csv")
-
-    def test_intervals_are_rounded_outwards(self):
-        assert describe_interval(0.931, 0.989) == "(93-99)"
-        assert describe_interval(0.93, 1.0) == "(93-100)"
-        assert describe_interval(0.0, 0.0004) == "(0-1)"
 
 
 def some_lanes(confidence: list[float], correct: list[bool]) -> AvailableLanes:

@@ -23,10 +23,13 @@ MODEL, LINES = a_lane(centre=0.1, width=3.6), (LineEvidence(0.6, True, 40.0), Li
 GOOD = Lane(MODEL, MODEL, np.diag(STD**2), LINES, score=1.0)
 
 
-def test_a_line_with_little_paint_makes_a_lane_doubtful_whatever_the_other_one_shows():
+def test_a_line_with_little_paint_makes_a_lane_doubtful_and_far_lines_support_one_with_its_own_pose():
     solid, guess = LineEvidence(0.9, True, 60.0), LineEvidence(0.01, False, 8.0)
     with_guess = (replace(GOOD, evidence=lines).confidence for lines in ((solid, guess), (guess, solid)))
     assert max(with_guess) < 0.9 < 0.95 < GOOD.confidence
+    far, own_pose = {"far_evidence": (LineEvidence(0.3, True, 40.0), None)}, replace(GOOD, same_lane_share=0.4)
+    assert replace(own_pose, **far).confidence > own_pose.confidence + 0.03
+    assert replace(GOOD, **far).confidence == GOOD.confidence
 
 
 def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far_ahead():
@@ -63,12 +66,6 @@ def test_what_makes_a_lane_doubtful(of, change, feature, value):
     if value is not None:
         assert (usual.features[feature], odd.features[feature]) == (0.0, pytest.approx(value))
     assert odd.confidence < usual.confidence - 0.005 or value == 0
-
-
-def test_far_lines_support_a_lane_only_where_the_pose_comes_from_the_same_image():
-    far, own_pose = {"far_evidence": (LineEvidence(0.3, True, 40.0), None)}, replace(GOOD, same_lane_share=0.4)
-    assert replace(own_pose, **far).confidence > own_pose.confidence + 0.03
-    assert replace(GOOD, **far).confidence == GOOD.confidence
 
 
 @pytest.mark.slow

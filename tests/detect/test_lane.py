@@ -7,7 +7,7 @@ import pytest
 
 from lanes.detect.lane import LineEvidence, telemetry_row
 from lanes.detect.line_type import TypeVotes
-from lanes.detect.road import SIDES, line_y
+from lanes.detect.road import SIDES, lateral_gradients, line_y, line_y_gradients
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane, found_lane
 
@@ -26,6 +26,7 @@ def test_lateral_std_is_that_of_drawn_lanes(curvature):
     drawn = np.random.default_rng(2).normal(model, STD, (600, len(model)))
     expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
     np.testing.assert_allclose(found_lane(model, STD).lateral_std_m(X_M), expected, rtol=0.1)
+    np.testing.assert_allclose(lateral_gradients(X_M), [line_y_gradients(X_M, a_lane(), s) for s in SIDES], 1e-4, 1e-6)
 
 
 def test_a_line_that_has_turned_back_has_no_position_and_no_std():
@@ -69,7 +70,9 @@ def test_the_telemetry_of_a_lane_and_of_none():
     row, lost = telemetry_row(BENT), telemetry_row(None)
     assert list(row) == list(lost) == COLUMNS.split()
     assert (row["offset_m"], row["lane_width_m"], row["curvature_per_m"]) == pytest.approx((-0.4, 3.4, 1 / 79.6))
-    assert row["offset_std_m"] == pytest.approx(0.02)
+    assert (row["offset_std_m"], row["curvature_std_per_m"]) == pytest.approx((0.02, 2e-4))
+    assert BENT.summary()["bend"] == "bends left, R 80 m (12.56 ± 0.20 per km)"
+    assert BENT.right.describe() == "1.36 ± 0.03 m right, white dashed, paint on 30% of its rows, up to 30 m"
     assert (row["left_kind"], row["left_colour"], row["left_double"]) == ("solid", "yellow", True)
     assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", False)
     assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)

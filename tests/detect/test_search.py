@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import find_evidence
-from lanes.detect.search import find_lane, search_lane
+from lanes.detect.evidence import PaintSettings, find_evidence
+from lanes.detect.fit import FitSettings
+from lanes.detect.search import DetectorSettings, find_lane, search_at_heights, search_lane
 from tests.support.painted_roads import ASPHALT, YELLOW, Arc, Road, dashcam
 
 CAMERA = dashcam()
@@ -72,6 +75,8 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     assert lane.left.offset_m > 0 > lane.right.offset_m
     assert lane.offset_m == pytest.approx(offset, abs=0.3) and lane.width_m == pytest.approx(3.6, abs=0.1)
     np.testing.assert_allclose(lane.left.y(np.array([13.0, 25.0])), 1.8 - offset, atol=0.06)
+    beside = search_lane(find_evidence(Road(CAMERA).lines(0.3, 3.9).image(), VIEW, quick=True)).lane
+    assert beside.score < 0.9  # less by one
 
 
 @pytest.mark.parametrize("between_m", [(), (0.0,), (-0.9, 0.0, 0.9)])
@@ -83,12 +88,24 @@ def test_lines_between_those_of_the_lane_count(between_m):
     assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
 
-@pytest.mark.parametrize("noise", [0.0, 2.0, 15.0])
-def test_bare_road_has_no_lane(noise):
-    assert find_lane(Road(CAMERA, noise=noise).image(), CAMERA) is None
+def test_each_step_has_the_given_settings_and_height():
+    """Here settings that find nothing. All lengths grow with the height."""
+    image = Road(CAMERA).lines(1.8, -1.8).image()
+    evidence = find_evidence(image, VIEW, quick=True)
+    higher = evidence.at_height(1.2 * VIEW.height_m)
+    for name in ("x_m", "y_m", "std_m"):
+        np.testing.assert_allclose(getattr(higher.stripes, name), 1.2 * getattr(evidence.stripes, name))
+    for name in ("x_m", "y_m", "pixels"):
+        np.testing.assert_allclose(getattr(higher.view, name), getattr(replace(higher.view), name), rtol=1e-9)
+    fits = [DetectorSettings(fit=fit) for fit in (FitSettings(min_support=9.0), FitSettings(start=((2, 6),)))]
+    for blind in (*fits, DetectorSettings(PaintSettings(min_strength=99.0)), DetectorSettings(near_m=60.0)):
+        (at_height,) = search_at_heights(image, CAMERA, np.array([1.3]), blind)
+        assert find_lane(image, CAMERA, blind) is at_height.lane is None
+    assert not len(find_evidence(image, VIEW, PaintSettings(noise_floor=1e4), quick=True).stripes)
 
 
-def test_a_lane_too_faint_for_the_band_filter_is_found():
+def test_a_lane_too_faint_for_the_band_filter_is_found_and_none_on_a_bare_road():
+    assert not any(find_lane(Road(CAMERA, noise=noise).image(), CAMERA) for noise in (0.0, 2.0, 15.0))
     road = Road(CAMERA, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8)))
     assert search_lane(find_evidence(road.image(), VIEW, quick=True)).lane is None
     lane = find_lane(road.image(), CAMERA)

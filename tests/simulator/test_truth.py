@@ -91,8 +91,8 @@ def test_truth_rows_are_empty_without_a_lane(tmp_path):
 
 def test_rows_below_a_small_image_have_no_line():
     drive = small_drive(camera=Camera.from_fov((1280, 600), 60, POSE))
-    hidden = np.zeros((600, 1280), bool)
-    entry = truth_entry(drive.truth(), raw_file="a.jpg", camera=drive.camera_at(0.0), hidden=hidden)
+    entry = truth_entry(drive.truth(), raw_file="a", camera=drive.camera_at(0.0), hidden=np.zeros((600, 1280), bool))
+    assert entry["left_y_m"] > entry["right_y_m"]
     below = np.array(entry["h_samples"]) >= 600
     for lane in np.array(entry["lanes"]):
         assert (lane[below] == NOT_VISIBLE).all() and (lane[~below] > 0).any()
@@ -101,7 +101,9 @@ def test_rows_below_a_small_image_have_no_line():
 def test_distance_is_the_integral_of_the_speed_knots():
     motion = Motion(5.0, 12.0, later_speeds=((2.0, 6.0), (4.0, 6.0)))
     assert [motion.pose(t).s_m for t in (0.0, 1.0, 2.0, 3.0, 5.0)] == pytest.approx([5.0, 15.5, 23.0, 29.0, 41.0])
-    assert replace(motion, later_speeds=()).pose(3.0).s_m == 41.0
+    # the rear axle, 1.6 m behind the camera, follows the bend: 64 % of that at 12 m/s
+    pose = small_drive(1 / 250, motion=replace(motion, later_speeds=(), heading_rad=0.01, rear_axle_m=1.6)).pose(3.0)
+    assert (pose.s_m, pose.heading_rad) == (41.0, pytest.approx(0.01 - 0.64 * 1.6 / 250, rel=0.01))
 
 
 @pytest.mark.parametrize(

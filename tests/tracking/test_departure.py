@@ -38,6 +38,7 @@ CROSSINGS = {
     # a steady offset, also that of a camera beside the middle of the car
     "on the line": (lane_at(-1.0), car(20.0), None, np.inf, None),
     "back from the line": (lane_at(-1.0, 0.01), car(20.0), "right", 9.5, None),
+    "far away": (lane_at(1.3, -0.0051), car(20.0), None, np.inf, None),
     "by its course": (lane_at(0.0, 0.02), car(20.0, course_rad=0.02), None, np.inf, None),
     "standing": (lane_at(0.0, 0.03), car(0.0), None, np.inf, None),
     # R 400 m leads out on the right at v^2 / R = 1 m/s^2: 0.2 t + t^2 / 2 = 0.9
