@@ -9,7 +9,7 @@ import pytest
 
 from lanes.detect.confidence import WEIGHTS
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
-from lanes.detect.road import CURVATURE, WIDTH
+from lanes.detect.road import CENTRE, CURVATURE, WIDTH
 from lanes.detect.search import find_lane
 from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
@@ -40,6 +40,17 @@ def test_a_lane_with_one_line_has_less_confidence_than_one_that_is_uncertain_far
         of = (replace(GOOD, state=state, fit_covariance=matrix) for matrix in (GOOD.fit_covariance, one_line, bend))
         good, doubtful, fair = (lane.confidence for lane in of)
         assert good > 0.95 and doubtful < fair - 0.1
+
+
+def test_a_track_states_smaller_errors_than_a_still_and_both_larger_ones_in_bends():
+    def stated(state: str, **road: float) -> float:
+        lane = replace(GOOD, state=state, model=a_lane(width=3.6, **road))
+        return lane.covariance[CENTRE, CENTRE] / lane.fit_covariance[CENTRE, CENTRE]
+
+    straight = {state: stated(state) for state in (TRACKING, FOUND)}
+    assert straight[TRACKING] < 0.2 * straight[FOUND]
+    assert stated(TRACKING, curvature=0.01) > 5 * straight[TRACKING] < stated(TRACKING, vertical=0.005)
+    assert stated(FOUND, curvature=0.01) > 1.5 * straight[FOUND]
 
 
 TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
