@@ -17,7 +17,7 @@ from lanes.detect.search import find_lane
 from lanes.draw import draw_lane
 from lanes.errors import PictureError
 from lanes.explanation import explain
-from lanes.images import read_image, require_rgb, write_image
+from lanes.images import read_image, require_rgb, to_rgb, write_image
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
@@ -61,7 +61,8 @@ def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
     assert tuple(cv2.imread(str(write_image(path, picture)))[0, 0]) == RED[::-1]
     gray = np.arange(200, dtype=np.uint8).reshape(10, 20)
     cv2.imwrite(str(path), gray)
-    assert np.array_equal(read_image(path), np.repeat(gray[..., None], 3, axis=2))
+    three = np.repeat(gray[..., None], 3, axis=2)
+    assert np.array_equal(read_image(path), three) and np.array_equal(to_rgb(gray), three)
     cv2.imwrite(str(path), np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)]))
     assert np.array_equal(read_image(path), picture)
     photo, preview = Image.fromarray(picture), Image.new("RGB", (8, 5))

@@ -162,7 +162,7 @@ def test_stills_are_spread_over_the_video_and_kept(tmp_path):
         list(pick_stills(other, settings, 4))
 
 
-# The server of the page: who may ask, what it answers, and our lines only beside a saved label.
+# The server of the page: the hosts that may ask, its answers, and our lines only with a saved label.
 
 TIMES_S = (0.0, 0.6)
 

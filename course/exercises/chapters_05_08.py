@@ -352,8 +352,8 @@ def draw_bar(image: np.ndarray, bar_px: np.ndarray, true_px: np.ndarray) -> None
     show_pictures([picture], ["Your bar: red. True bar: green."], columns=1, width_in=9.0)
 
 
-# 8.2: seconds of the video that begin beside a car, frames a second, largest offset error (1.06 m without a check, 0.19
-# m with that of the solution), and the share of the frames that must have a lane.
+# 8.2: seconds of the video, from a moment at which a car is alongside; frames a second. Largest offset error (1.06 m
+# without a check, 0.19 m with that of the solution); share of the frames that must have a lane.
 ALONGSIDE_S, FPS = (4.68, 7.2), 25
 OFFSET_TOLERANCE_M, LEAST_FOUND = 0.4, 0.6
 IsPlausible = Callable[[Line, Line], object]
