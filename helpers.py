@@ -24,16 +24,16 @@ import numpy as np
 
 # 1 to 3, images, lens and videos: the notebook builds these steps; the robust functions are those of `lanes`.
 from lanes import canvas
-from lanes.calibration import calibrate as calibrate
-from lanes.camera import Camera, resize_points
-from lanes.camera import undistort as undistort
+from lanes.camera.calibration import calibrate as calibrate
+from lanes.camera.model import Camera, resize_points
+from lanes.camera.model import undistort as undistort
 from lanes.describe import describe_bend as describe_bend
 from lanes.describe import describe_offset as describe_offset
 from lanes.errors import CameraError, PictureError
-from lanes.images import read_image as read_image
-from lanes.images import require_rgb
-from lanes.images import to_rgb as to_rgb
-from lanes.images import write_image as write_image
+from lanes.video.images import read_image as read_image
+from lanes.video.images import require_rgb
+from lanes.video.images import to_rgb as to_rgb
+from lanes.video.images import write_image as write_image
 from lanes.video.reader import read_video as read_video
 from lanes.video.writer import process_video as process_video
 

@@ -24,7 +24,7 @@ from benchmark.systems import TRACKER
 from benchmark.tables import describe_interval, markdown_table
 from lanes.describe import format_table
 from lanes.detect.confidence import CORRECT_WITHIN_M, LIKELY_CONFIDENCE
-from lanes.figures import new_figure, save_figure
+from lanes.show.figures import new_figure, save_figure
 
 LEGEND = """\
 z is an error divided by its stated standard deviation: a cell shows the root mean square of z (1 is wanted) and its

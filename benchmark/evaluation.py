@@ -21,13 +21,13 @@ from benchmark.estimates import AHEAD_M, DriveEstimates, LaneEstimate, read_esti
 from benchmark.scores import Result, Row, score_rows
 from benchmark.speed import describe_machine
 from benchmark.systems import OwnFinder, require_system, source_files, start_system
-from lanes import images, video
-from lanes.camera import Camera, camera_to_dict, load_camera
+from lanes import video
+from lanes.camera.model import Camera, camera_to_dict, load_camera
 from lanes.detect.markings import Markings
 from lanes.files import hash_sources, read_telemetry
-from lanes.pose import estimate_pose
+from lanes.pose.estimate import estimate_pose
 from lanes.tracking.tracker import TrackerSettings
-from lanes.video import reader
+from lanes.video import images, reader
 from lanes.video.reader import inspect_video, read_timed_frames
 from simulator.processes import run_all
 

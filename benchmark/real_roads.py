@@ -23,22 +23,22 @@ import numpy as np
 
 from benchmark.consistency import describe_z, z_summary
 from benchmark.systems import DETECTOR, TRACKER, column_detector
-from lanes.camera import Camera, load_camera
+from lanes.camera.field_of_view import find_field_of_view
+from lanes.camera.model import Camera, load_camera
 from lanes.console import bounded, progress_line
 from lanes.describe import format_table, number_cells
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
 from lanes.detect.road import lines_on_view, parameter_gradients, propagated_std
 from lanes.drive import make_tracker, track_frames
-from lanes.field_of_view import find_field_of_view
 from lanes.files import read_json_lines
-from lanes.images import read_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels
-from lanes.pose import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
+from lanes.pose.estimate import POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose
 from lanes.score import StillScore, lateral_errors_m, reliability, score_still, summarize
-from lanes.sources import find_sources, sample_images
 from lanes.tracking.tracker import TrackerSettings
+from lanes.video.images import read_image
 from lanes.video.reader import inspect_video, read_frames
+from lanes.video.sources import find_sources, sample_images
 from simulator.processes import run_all
 
 # Ways to look at a set: each still alone; with the pose of its stills; tracked.

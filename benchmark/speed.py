@@ -25,11 +25,11 @@ import numpy as np
 
 from benchmark.systems import TRACKER
 from helpers import RECIPES, LaneFinder, follow_lane, get_recipe
-from lanes.camera import Camera, load_camera
+from lanes.camera.model import Camera, load_camera
 from lanes.describe import format_table
-from lanes.draw import track_lane
-from lanes.images import opencv_threads
+from lanes.show.draw import track_lane
 from lanes.tracking.tracker import LaneTracker
+from lanes.video.images import opencv_threads
 from lanes.video.reader import index_video, inspect_video, open_video, read_video
 from lanes.video.writer import open_mp4, process_video
 

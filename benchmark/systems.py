@@ -19,8 +19,9 @@ import numpy as np
 
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
 from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
-from lanes import camera, detect, tracking
-from lanes.camera import Camera
+from lanes import detect, tracking
+from lanes.camera import model
+from lanes.camera.model import Camera
 from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
@@ -33,7 +34,7 @@ SYSTEMS = (*RECIPE_SYSTEMS, TRACKER, DETECTOR)
 # In single pictures the tracker is the detector.
 STILL_SYSTEMS = (*RECIPE_SYSTEMS, TRACKER)
 # Files and folders that the estimates of a system depend on.
-_CAMERA = Path(inspect.getfile(camera))
+_CAMERA = Path(inspect.getfile(model))
 _HELPERS = Path(inspect.getfile(LaneFinder))
 _DETECT, _TRACK = (Path(inspect.getfile(package)).parent for package in (detect, tracking))
 # Distances at which a recipe's line is projected into the picture: even steps in 1 / x are even steps in picture rows.

@@ -16,11 +16,11 @@ from typing import TypeVar
 import numpy as np
 
 from benchmark.evaluation import PROJECT_ROOT
-from lanes.camera import Camera, camera_from_dict
+from lanes.camera.model import Camera, camera_from_dict
 from lanes.files import read_telemetry, read_text
-from lanes.images import read_image
 from lanes.labels import LaneColumns, read_labels
-from lanes.sources import find_sources
+from lanes.video.images import read_image
+from lanes.video.sources import find_sources
 
 Part = TypeVar("Part")
 

@@ -19,7 +19,7 @@ from benchmark.scores import Row
 from benchmark.systems import PROJECTED_AT_M, TRACKER, OwnFinder, project_lines
 from course.dataset import Dataset
 from helpers import FourPointWarp
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.describe import format_table
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.score import score_still, summarize

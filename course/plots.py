@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from helpers import FourPointWarp, birdseye_to_road
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.canvas import WINDOW_COLOUR
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.figures import draw_on_road_grid, new_figure, rgb
+from lanes.show.figures import draw_on_road_grid, new_figure, rgb
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lanes.figures import new_figure
+from lanes.show.figures import new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

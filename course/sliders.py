@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from lanes.images import to_rgb
+from lanes.video.images import to_rgb
 
 if TYPE_CHECKING:
     from ipywidgets import VBox

@@ -20,17 +20,17 @@ from lanes.console import require_opencv
 
 require_opencv()  # before modules that use what only OpenCV 5 has
 
-from lanes.calibration import calibrate
-from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.camera.calibration import calibrate
+from lanes.camera.model import Camera, CameraPose, load_camera, save_camera
 from lanes.detect.lane import Lane, Line
 from lanes.detect.search import find_lane
-from lanes.draw import draw_lane
 from lanes.drive import annotate, track
 from lanes.errors import CameraError, LaneError, PictureError, PoseError, VideoError
-from lanes.explanation import explain
-from lanes.images import read_image
-from lanes.pose import estimate_pose
+from lanes.pose.estimate import estimate_pose
+from lanes.show.draw import draw_lane
+from lanes.show.explanation import explain
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
+from lanes.video.images import read_image
 from lanes.video.reader import TimedFrame, read_video
 from lanes.video.writer import process_video
 

@@ -17,19 +17,22 @@ from itertools import islice
 from pathlib import Path
 
 from lanes import __version__
-from lanes.calibration import calibrate, calibrate_detections, describe_calibration, draw_contact_sheet, find_boards
-from lanes.camera import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
+from lanes.camera.calibration import (
+    calibrate,
+    calibrate_detections,
+    describe_calibration,
+    draw_contact_sheet,
+    find_boards,
+)
+from lanes.camera.field_of_view import find_field_of_view, given_field_of_view
+from lanes.camera.model import CAR_WIDTH_M, CAR_WIDTH_RANGE_M, LENSES, MAX_OFFSET_M, Camera, load_camera, save_camera
 from lanes.console import bounded, error_status, progress_line, run_command, run_program, seconds
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detect.search import HEIGHT_RANGE_M, detect_still
-from lanes.draw import STYLES
 from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.errors import CameraError, LaneError, PoseError
-from lanes.explanation import explain, explain_tracked
-from lanes.field_of_view import find_field_of_view, given_field_of_view
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
-from lanes.images import kind_of_file, read_image, write_image
 from lanes.labels import (
     detect_in_sequence,
     detect_in_stills,
@@ -39,10 +42,13 @@ from lanes.labels import (
     read_predictions,
 )
 from lanes.many import annotate_many
-from lanes.pose import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
+from lanes.pose.estimate import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
 from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
-from lanes.sources import Sources, find_sources, require_topic, sample_images
+from lanes.show.draw import STYLES
+from lanes.show.explanation import explain, explain_tracked
+from lanes.video.images import kind_of_file, read_image, write_image
 from lanes.video.reader import STAMP_TOLERANCE_S, count_lost, inspect_video, read_frames
+from lanes.video.sources import Sources, find_sources, require_topic, sample_images
 
 
 class Calibrate:
@@ -261,7 +267,7 @@ class Explain:
         _add_output(parser, "explained.png", "figure to write")
 
     def run(self, options: argparse.Namespace) -> int:
-        from lanes.figures import figure_kind, save_figure, show_explanation
+        from lanes.show.figures import figure_kind, save_figure, show_explanation
 
         figure_kind(options.output)
         require_no_input_among([options.output], options.files)

@@ -20,26 +20,26 @@ import av
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose, require_camera
+from lanes.camera.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
+from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.console import progress_line
 from lanes.describe import describe_offset
 from lanes.detect.lane import LOST, POSE_NAMES, Lane, telemetry_row
 from lanes.detect.markings import Markings
 from lanes.detect.search import DETECTOR, StillDetection
-from lanes.draw import draw_lane, track_lane
 from lanes.errors import ByValue, CameraError, LaneError, PictureError, PoseError, VideoError
-from lanes.field_of_view import GIVEN, FieldOfView, find_field_of_view, read_log_camera
 from lanes.files import TelemetryWriter, translate_write_errors
-from lanes.images import opencv_threads, read_image, write_image
-from lanes.lane_messages import MESSAGES_SUFFIX, write_lane_messages
-from lanes.pose import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.report import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
-from lanes.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
+from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.pose.estimate import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
+from lanes.ros.lane_messages import MESSAGES_SUFFIX, write_lane_messages
+from lanes.ros.robot_log import index_log
+from lanes.show.draw import draw_lane, track_lane
+from lanes.show.report import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.tracking.departure import describe_crossings
-from lanes.tracking.pose_change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
+from lanes.video.images import opencv_threads, read_image, write_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, VideoInfo, describe_jumps, inspect_video, read_frames
-from lanes.video.robot_log import index_log
+from lanes.video.sources import Sources, find_sources, read_turn, require_distinct_outputs, require_topic, sample_images
 from lanes.video.writer import process_video
 
 
@@ -98,7 +98,7 @@ class DriveSettings:
             raise CameraError(f"{file}: {error}") from error
 
     def ensure_pose(self, camera: Camera, source: Any, **options: Any) -> tuple[Camera, PoseEstimate | None]:
-        """As `lanes.pose.ensure_pose`, with the given height or lane width; CameraError if the camera has a pose."""
+        """As `lanes.pose.estimate.ensure_pose`, with the given height or lane width; CameraError if the camera has a pose."""
         if camera.pose and (self.height_m or self.lane_width_m):
             raise CameraError(
                 "the camera file holds a pose; omit --height and --lane-width, or estimate it again with `pose`."
@@ -162,7 +162,7 @@ def annotate(
     each : bool
         Every still is of a camera of its own. By default they share one camera.
     style : str
-        A name in `lanes.draw.STYLES`; "lane" by default.
+        A name in `lanes.show.draw.STYLES`; "lane" by default.
     start_s, end_s : float
         Part of each video to annotate, in seconds since its first frame. By default the whole video.
     report : bool
@@ -170,7 +170,7 @@ def annotate(
     progress : bool
         Show a progress bar, as is the default, if stderr is a terminal or a notebook.
     topic : str
-        Topic of the images in robot logs; by default the only one. See `lanes.lane_messages` for their output.
+        Topic of the images in robot logs; by default the only one. See `lanes.ros.lane_messages` for their output.
     markings : callable, as for `lanes.find_lane`
     camera_offset_m : float
         Position of the camera left of the middle of the car, negative right; by default that of `camera`.

@@ -27,9 +27,9 @@ from lanes.detect.birdseye import lightness, yellowness
 from lanes.drive import DriveSettings, detect_stills
 from lanes.errors import LaneError
 from lanes.files import locked, read_json_lines, translate_write_errors, write_json_lines
-from lanes.images import read_image, write_image
 from lanes.labels import NO_POINT, as_detection
-from lanes.sources import Sources, sample_images
+from lanes.video.images import read_image, write_image
+from lanes.video.sources import Sources, sample_images
 
 # A line through points: a smooth curve, snapped to the paint near it, in the raw image. On a flat road its curvature is
 # a random walk along the road (a smoothing spline: G. Wahba, Journal of the Royal Statistical Society B 40, 1978); the
@@ -274,7 +274,7 @@ async def _serve(session: Session, settings: DriveSettings, browser: bool) -> No
 
     get = {"still": session.label, "proposal": session.propose, "ours": ours}
     pages = Application(log_function=lambda _: None, get=get, session=session, ended=ended)
-    page = rf"{root}/(label\.(?:html|css|js))", Page, {"path": Path(__file__).parent / "pages"}
+    page = rf"{root}/(label\.(?:html|css|js))", Page, {"path": Path(__file__).parent / "show" / "pages"}
     # No other host: another site could give its own name the address of this machine (DNS rebinding).
     pages.add_handlers(r"127\.0\.0\.1", [page, (rf"{root}/(still|picture|proposal|ours|end)/(\d+)", Answer)])
     (socket,) = bind_sockets(0, "127.0.0.1")

@@ -21,12 +21,12 @@ from unicodedata import normalize
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
 from lanes.drive import DriveSettings, detect_stills, make_tracker, prepare_drive, track_frames
 from lanes.errors import LaneError
 from lanes.files import read_json_lines
-from lanes.images import MAX_PIXELS, read_image
+from lanes.video.images import MAX_PIXELS, read_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, read_frames
 
 NO_POINT, EGO_SIDES = -2.0, ("left", "right")

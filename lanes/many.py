@@ -21,15 +21,15 @@ from typing import TYPE_CHECKING, Any
 import av
 
 import lanes
-from lanes.camera import camera_to_dict
+from lanes.camera.model import camera_to_dict
 from lanes.console import plain_warnings, sigint_blocked
 from lanes.drive import DriveSettings, annotate_drive, output_path, versions
 from lanes.errors import VideoError
 from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
-from lanes.lane_messages import MESSAGES_SUFFIX
-from lanes.report import frame_lengths_s, seconds_lost, share_tracked
-from lanes.sources import require_distinct_outputs
-from lanes.video.robot_log import file_of_log
+from lanes.ros.lane_messages import MESSAGES_SUFFIX
+from lanes.ros.robot_log import file_of_log
+from lanes.show.report import frame_lengths_s, seconds_lost, share_tracked
+from lanes.video.sources import require_distinct_outputs
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -23,12 +23,12 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.describe import number_cells
 from lanes.detect.confidence import CORRECT_AT_M, LIKELY_CONFIDENCE, SURE_CONFIDENCE
-from lanes.images import read_image
 from lanes.labels import SAME_ROW_PX, LaneColumns, find_picture
-from lanes.report import fill_page
+from lanes.show.report import fill_page
+from lanes.video.images import read_image
 
 # TuSimple's tolerance of a point, accuracy of a matched line, size of its stills, and longest time of a prediction.
 _TOLERANCE_PX, _MATCH_ACCURACY, TUSIMPLE_SIZE, _MAX_RUN_TIME_MS = 20.0, 0.85, (1280, 720), 200.0

@@ -16,9 +16,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, camera_to_dict
+from lanes.camera.model import Camera, camera_to_dict
 from lanes.files import translate_write_errors, write_atomically
-from lanes.images import write_image
+from lanes.video.images import write_image
 from simulator.light.lens import srgb
 from simulator.painting import blend
 from simulator.processes import run_all

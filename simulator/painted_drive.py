@@ -13,7 +13,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import RoadGeometry, offset_point
 from simulator.road.truth import Truth, lane_truth

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 
 TILE = 512
 # Texels in a wavelength: enough for bilinear sampling, and 64 wavelengths in a tile before it repeats.

@@ -16,7 +16,7 @@ from typing import Any, TypeVar
 import cv2
 
 from lanes.console import sigint_blocked
-from lanes.images import opencv_threads
+from lanes.video.images import opencv_threads
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from simulator.objects.scene_objects import SceneObject
 from simulator.objects.standing import Post
 from simulator.objects.vehicles import Car

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
-from lanes.calibration import (
+from lanes.camera.calibration import (
     BoardDetections,
     calibrate,
     calibrate_boards,
     calibrate_detections,
     describe_calibration,
 )
-from lanes.camera import Camera, load_camera, save_camera
+from lanes.camera.chessboard import Board
+from lanes.camera.model import Camera, load_camera, save_camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR
-from lanes.chessboard import Board
 from lanes.errors import CameraError
-from lanes.images import read_image, write_image
+from lanes.video.images import read_image, write_image
 from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.freeway import DASHCAM

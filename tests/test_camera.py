@@ -15,7 +15,7 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from PIL import Image
 
-from lanes.camera import (
+from lanes.camera.model import (
     CalibrationReport,
     Camera,
     CameraPose,
@@ -26,7 +26,7 @@ from lanes.camera import (
     undistort,
 )
 from lanes.errors import CameraError
-from lanes.images import read_image
+from lanes.video.images import read_image
 from simulator.scenes.freeway import DASHCAM
 from tests.support.examples import examples
 from tests.support.project import ROOT

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
-from lanes.chessboard import Board, find_board
-from lanes.images import read_image
+from lanes.camera.chessboard import Board, find_board
+from lanes.video.images import read_image
 
 BOARDS = PROJECT_ROOT / "camera_cal"
 TRUTH = json.loads((BOARDS / "truth.json").read_text())["boards"]
@@ -104,7 +104,7 @@ def test_images_without_a_board_give_none(name):
 
 def test_a_complete_board_that_fails_the_tests_is_doubtful(monkeypatch):
     """So does one near the border of a fisheye lens. Whether that explains it is for the calibration to decide."""
-    monkeypatch.setattr("lanes.chessboard._MAX_UNEVENNESS", 1e-4)
+    monkeypatch.setattr("lanes.camera.chessboard._MAX_UNEVENNESS", 1e-4)
     image, true_px = rendered(12)
     assert find_board(image) is None
     board = find_board(image, doubtful=True)

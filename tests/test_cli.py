@@ -16,9 +16,9 @@ import pytest
 
 import lanes
 from lanes.__main__ import Annotate
-from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.camera.model import Camera, CameraPose, load_camera, save_camera
 from lanes.files import read_telemetry
-from lanes.images import read_image, write_image
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive

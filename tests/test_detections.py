@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from lanes.camera import Camera, CameraPose, save_camera
-from lanes.images import write_image
+from lanes.camera.model import Camera, CameraPose, save_camera
 from lanes.labels import usual_rows
+from lanes.video.images import write_image
 from tests.support.clips import write_clip
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.painted_roads import paint_motorway

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import lanes
-from lanes.camera import save_camera
-from lanes.images import write_image
+from lanes.camera.model import save_camera
+from lanes.video.images import write_image
 from tests.support.clips import FPS, write_clip
 from tests.support.painted_drive import BENDS, SMALL
 

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.detect.lane import Lane, LineEvidence
-from lanes.draw import COLOURS, RIBBON_M, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline
+from lanes.show.draw import COLOURS, RIBBON_M, SHOWN_HALF_WIDTH_M, STYLES, describe_lane, draw_lane, lane_outline
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
 

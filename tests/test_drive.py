@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from lanes.camera import CalibrationReport, Camera, save_camera
+from lanes.camera.model import CalibrationReport, Camera, save_camera
 from lanes.detect.search import detect_still
 from lanes.drive import Annotation, DriveSettings, annotate, make_tracker
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
-from lanes.images import read_image, write_image
 from lanes.labels import detect_in_video
-from lanes.pose import PoseEstimate
+from lanes.pose.estimate import PoseEstimate
 from lanes.tracking.tracker import LaneTracker
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_clip, write_drive

@@ -9,11 +9,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.search import find_lane
-from lanes.explanation import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
-from lanes.figures import show_explanation
+from lanes.show.explanation import OTHER_PICTURES, RE_ESTIMATE_POSE, Explanation, explain, explain_tracked
+from lanes.show.figures import show_explanation
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, PaintedDrive

@@ -13,7 +13,7 @@ from helpers import (
     follow_lane,
     get_recipe,
 )
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR
 from lanes.errors import PictureError
 from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane

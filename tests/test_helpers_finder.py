@@ -10,7 +10,7 @@ import pytest
 
 from helpers import RECIPES, LaneFinder, Levels, RoadLine, Thresholds, get_recipe
 from lanes.errors import CameraError, PictureError
-from lanes.images import read_image
+from lanes.video.images import read_image
 from tests.support.classic_lane import lane_result
 from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA

@@ -13,7 +13,7 @@ from helpers import (
     recipe_from_pose,
     scale_to_road,
 )
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.errors import CameraError, PictureError
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 

@@ -10,15 +10,15 @@ import pytest
 from PIL import Image
 
 from helpers import RECIPES, colour_channel, draw_lane_between
-from lanes.camera import undistort
-from lanes.chessboard import Board, draw_board, find_board
+from lanes.camera.chessboard import Board, draw_board, find_board
+from lanes.camera.model import undistort
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.search import find_lane
-from lanes.draw import draw_lane
 from lanes.errors import PictureError
-from lanes.explanation import explain
-from lanes.images import read_image, require_rgb, to_rgb, write_image
+from lanes.show.draw import draw_lane
+from lanes.show.explanation import explain
 from lanes.tracking.tracker import LaneTracker
+from lanes.video.images import read_image, require_rgb, to_rgb, write_image
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 from tests.support.bad_files import jpeg_claiming

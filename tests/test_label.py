@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from lanes.detect.lane import columns_at
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
-from lanes.images import read_image, write_image
 from lanes.label import NO_POINT, Session, fit_line, label_rows, pick_stills
 from lanes.labels import read_labels
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import read_video
 from simulator.painted_drive import DASH_M
 from simulator.rendering.drive import Motion

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from PIL import ExifTags, Image
 
-from lanes.camera import Camera, CameraPose, load_camera, save_camera
+from lanes.camera.field_of_view import FieldOfView, find_field_of_view, given_field_of_view
+from lanes.camera.model import Camera, CameraPose, load_camera, save_camera
 from lanes.drive import annotate
-from lanes.field_of_view import FieldOfView, find_field_of_view, given_field_of_view
 from lanes.files import read_telemetry
-from lanes.images import read_image, write_image
+from lanes.video.images import read_image, write_image
 from tests.support.clips import write_clip, write_drive
 from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 

@@ -16,14 +16,14 @@ import numpy as np
 import pytest
 import yaml
 
-from lanes.camera import save_camera
+from lanes.camera.field_of_view import read_log_camera
+from lanes.camera.model import save_camera
 from lanes.drive import DriveSettings
 from lanes.errors import VideoError
-from lanes.field_of_view import read_log_camera
 from lanes.files import read_telemetry
 from lanes.many import fingerprint
-from lanes.sources import find_sources
 from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs
 from tests.support.clips import encode
 from tests.support.painted_drive import BENDS, SMALL

@@ -8,10 +8,10 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.errors import PictureError, PoseError
-from lanes.images import write_image
-from lanes.pose import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, estimate_pose
+from lanes.pose.estimate import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, estimate_pose
+from lanes.video.images import write_image
 from tests.support.painted_roads import paint_motorway
 from tests.support.static_objects import draw_guide_lines
 

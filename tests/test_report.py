@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.report import describe_shares, seconds_lost, share_tracked, write_report
+from lanes.show.report import describe_shares, seconds_lost, share_tracked, write_report
 
 
 def story(frames: int = 200, fps: float = 20.0) -> dict[str, np.ndarray]:

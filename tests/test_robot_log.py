@@ -12,20 +12,20 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.camera import save_camera
+from lanes.camera.field_of_view import FieldOfView, read_log_camera
+from lanes.camera.model import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.detect.lane import telemetry_row
 from lanes.detect.road import road_height
 from lanes.detect.search import find_lane
 from lanes.drive import DriveSettings, annotate_drive, track
 from lanes.errors import VideoError
-from lanes.field_of_view import FieldOfView, read_log_camera
 from lanes.files import read_telemetry
-from lanes.images import read_image
-from lanes.lane_messages import INFERRED_ALPHA, write_lane_messages
-from lanes.sources import find_sources
+from lanes.ros.lane_messages import INFERRED_ALPHA, write_lane_messages
+from lanes.ros.robot_log import index_log
+from lanes.video.images import read_image
 from lanes.video.reader import inspect_video, read_timed_frames
-from lanes.video.robot_log import index_log
+from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs
 from tests.support.clips import FPS
 from tests.support.painted_drive import BENDS, SMALL
@@ -149,7 +149,7 @@ def test_messages_need_no_space_in_the_temporary_folder(tmp_path, images, monkey
     def fail(*_: object) -> None:
         raise OSError("no space")
 
-    monkeypatch.setattr("lanes.lane_messages.LaneMessageWriter.write", fail)
+    monkeypatch.setattr("lanes.ros.lane_messages.LaneMessageWriter.write", fail)
     with pytest.raises(OSError, match="no space"):
         annotate_drive(log, settings_for(tmp_path / "failed", camera=SMALL))
     assert names(tmp_path / "failed") == set()

@@ -11,11 +11,11 @@ from unicodedata import normalize
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose, save_camera
+from lanes.camera.model import Camera, CameraPose, save_camera
 from lanes.files import write_json_lines
-from lanes.images import write_image
 from lanes.labels import EGO_SIDES, LaneColumns, read_labels, read_predictions
 from lanes.score import DISTANCES, StillScore, reliability, score_still, summarize
+from lanes.video.images import write_image
 from tests.support.project import names
 
 ROWS = np.arange(400.0, 600, 10)

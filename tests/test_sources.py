@@ -9,9 +9,9 @@ import pytest
 from PIL import Image
 
 from lanes.errors import PictureError, VideoError
-from lanes.images import read_image, write_image
-from lanes.sources import find_sources, sample_images
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import read_video
+from lanes.video.sources import find_sources, sample_images
 from lanes.video.writer import VideoWriter
 from tests.support.clips import encode
 

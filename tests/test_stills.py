@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.detect.search import StillDetection, detect_still, detect_with_own_pose, find_lane
 from lanes.errors import CameraError
-from lanes.pose import estimate_pose
+from lanes.pose.estimate import estimate_pose
 from simulator.rendering.render import render_frame
 from simulator.scenes.suite import SUITE
 from tests.support.painted_roads import dashcam, paint_motorway

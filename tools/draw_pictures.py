@@ -21,11 +21,11 @@ from PIL import Image
 
 from benchmark.evaluation import PROJECT_ROOT
 from course.sketch import SKETCHES, sketch
-from lanes.camera import Camera, load_camera
-from lanes.explanation import explain
-from lanes.figures import save_figure, show_explanation
+from lanes.camera.model import Camera, load_camera
 from lanes.files import write_atomically
-from lanes.images import read_image
+from lanes.show.explanation import explain
+from lanes.show.figures import save_figure, show_explanation
+from lanes.video.images import read_image
 from lanes.video.reader import inspect_video, read_video
 from simulator.scenes.suite import render_scene
 

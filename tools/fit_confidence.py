@@ -24,16 +24,16 @@ from benchmark.estimates import DriveEstimates
 from benchmark.real_roads import WAYS, RoadSet, read_road_sets, score_set
 from benchmark.scores import mean_interval
 from benchmark.systems import PROJECTED_AT_M, lane_estimate, project_lines
-from lanes.camera import Camera, CameraPose
+from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
+from lanes.camera.model import Camera, CameraPose
 from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
 from lanes.detect.search import find_lane
 from lanes.errors import PoseError
-from lanes.field_of_view import DEFAULT_HFOV_DEG
 from lanes.labels import EGO_SIDES, LaneColumns
-from lanes.pose import estimate_pose
+from lanes.pose.estimate import estimate_pose
 from lanes.score import score_still
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.not_roads import KINDS, not_a_road

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
 from lanes.detect.markings import FINE_ROWS, finer_view
 from lanes.errors import CameraError

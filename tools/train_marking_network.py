@@ -21,7 +21,7 @@ import torch
 from torch import nn
 from torch.nn import functional as nnf
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.console import bounded, progress_line
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.markings import FINE_ROWS, NETWORK_FILE, finer_view, network_inputs

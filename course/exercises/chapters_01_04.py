@@ -11,7 +11,7 @@ import numpy as np
 from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.measures import lane_widths_px
 from helpers import FourPointWarp, metres_per_pixel
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 
 
 def check_best_ruler(worst_px: float, *, rows: np.ndarray, columns: np.ndarray) -> str:

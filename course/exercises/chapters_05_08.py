@@ -21,7 +21,7 @@ from helpers import (
     metres_per_pixel,
     ransac_line,
 )
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, draw_polyline
 
 # Colours of the drawings below a verdict, which Jupyter shows at the end of the cell.

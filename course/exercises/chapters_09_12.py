@@ -10,9 +10,9 @@ import numpy as np
 
 from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.plots import LEGEND_ABOVE, TRUTH_LOOK
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR
-from lanes.figures import new_figure, rgb
+from lanes.show.figures import new_figure, rgb
 
 # 9.1: height of the camera, width and distance of a lane, metres, and by how many degrees the assumed pitch is too
 # large. Cameras of a car and a lorry; the view looks too far down and too far up.

@@ -12,11 +12,11 @@ from benchmark.evaluation import COMMITTED, PROJECT_ROOT
 from benchmark.systems import OwnFinder
 from course.exercises.hints import HintError, require, require_equal, require_shape, tried
 from course.measures import score_finders
-from lanes.camera import Camera, load_camera
+from lanes.camera.model import Camera, load_camera
 from lanes.detect.lane import Lane
 from lanes.detect.search import find_lane
-from lanes.draw import draw_lane
-from lanes.figures import new_figure
+from lanes.show.draw import draw_lane
+from lanes.show.figures import new_figure
 from lanes.video.reader import read_video
 
 # 13.1, after M. D. Zeiler and R. Fergus, "Visualizing and understanding convolutional networks", European Conference on

@@ -17,7 +17,7 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.detect.road import VIEW_END_M
 from lanes.errors import CameraError
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
 from lanes.detect.confidence import LIKELY_CONFIDENCE, WEIGHTS, error_variance_factor, lane_features
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, TypeVotes

@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from lanes.camera import Camera, require_camera
+from lanes.camera.model import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, Evidence, PaintSettings, Stripes, find_evidence
 from lanes.detect.fit import (

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.camera import CAR_WIDTH_M, Camera
+from lanes.camera.model import CAR_WIDTH_M, Camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import CarMotion, Departure
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, LEFT_SIDE, RIGHT_SIDE, WIDTH, line_coefficients

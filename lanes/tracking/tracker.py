@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera, require_camera
+from lanes.camera.model import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.evidence import Evidence, Stripes, find_evidence

@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from simulator.objects.standing import Post, Tree
 from simulator.objects.vehicles import Car
 from simulator.objects.walls import BridgeSlice, Overpass, Wall

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from simulator.backdrop import BackdropStyle
 from simulator.light.lens import AutoExposure, Lens
 from simulator.light.sunlight import Glare, Shade, Sun

@@ -11,7 +11,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, save_camera
+from lanes.camera.model import Camera, save_camera
 from lanes.files import atomic_write, translate_write_errors
 from lanes.video.reader import inspect_video
 from simulator.backdrop import aerial_perspective, paint_backdrop

@@ -13,7 +13,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from simulator.painting import fade, sample_noise
 from simulator.road.geometry import MAX_TURN_RAD, RoadGeometry, VehiclePose
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera, camera_to_dict
+from lanes.camera.model import Camera, camera_to_dict
 from lanes.files import write_atomically
 from simulator.road.geometry import (
     MAX_TURN_RAD,

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from simulator.backdrop import BackdropStyle
 from simulator.light.sunlight import Sun
 from simulator.objects.scene_objects import PlacedObject, PlacedWall

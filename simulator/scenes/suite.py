@@ -12,9 +12,9 @@ import numpy as np
 from platformdirs import user_cache_path
 
 import simulator
-from lanes import camera
+from lanes.camera import model
 from lanes.files import hash_sources
-from lanes.images import write_image
+from lanes.video.images import write_image
 from simulator.processes import run_all
 from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.rendering.render import VIDEO_CRF, VIDEO_SECONDS, Progress, render_frame, write_video
@@ -89,7 +89,7 @@ def render_scene(
 @lru_cache(maxsize=1)
 def _renderer_hash() -> str:
     """Hash of the sources of all modules that affect the images."""
-    return hash_sources(Path(camera.__file__), Path(simulator.__file__).parent)
+    return hash_sources(Path(model.__file__), Path(simulator.__file__).parent)
 
 
 def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:

@@ -27,10 +27,10 @@ from benchmark.evaluation import (
 from benchmark.speed import describe_machine
 from benchmark.systems import SYSTEMS
 from benchmark.tables import read_scores
-from lanes import camera, images
+from lanes.camera import model
 from lanes.detect import birdseye
-from lanes.images import read_image
-from lanes.video import reader
+from lanes.video import images, reader
+from lanes.video.images import read_image
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
 from tests.support.command_line import main, process
@@ -134,7 +134,7 @@ class TestEvaluation:
 
     @pytest.mark.parametrize(
         ("system", "source"),
-        [("tracker", birdseye), ("hls_sobel", helpers), (f"{systems.__file__}:load_finder", camera)],
+        [("tracker", birdseye), ("hls_sobel", helpers), (f"{systems.__file__}:load_finder", model)],
         ids=["tracker", "recipe", "own finder"],
     )
     def test_finished_estimates_depend_on_all_sources(self, prepared, monkeypatch, tmp_path, system, source):
@@ -142,7 +142,7 @@ class TestEvaluation:
         monkeypatch.setattr(Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path))
         monkeypatch.setattr(evaluation, "run_systems", lambda *_: [DriveEstimates.from_frames([], [])])
         cached_estimates((prepared, system), folder=tmp_path, workers=1)
-        common = (estimates, evaluation, systems, images, reader, camera)
+        common = (estimates, evaluation, systems, images, reader, model)
         assert {Path(module.__file__) for module in (*common, source)} <= seen
 
     def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):

@@ -11,13 +11,13 @@ import pytest
 
 from benchmark.consistency import z_summary
 from benchmark.real_roads import LABEL_STD_PX, WAYS, all_z, describe, read_road_sets, score_lane, score_set
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import lines_on_view
-from lanes.images import write_image
 from lanes.labels import NO_POINT, LaneColumns
 from lanes.tracking.tracker import TrackerSettings
+from lanes.video.images import write_image
 from tests.support.command_line import main
 from tests.support.painted_drive import BENDS, CAMERA, SMALL
 from tests.support.shapes import a_lane

@@ -14,7 +14,7 @@ from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.evaluation import PROJECT_ROOT, score_systems
 from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
 from helpers import RoadLine
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
 from lanes.detect.search import find_lane
 from lanes.files import read_telemetry

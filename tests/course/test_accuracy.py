@@ -10,7 +10,7 @@ import pytest
 
 from course.dataset import Dataset
 from course.measures import TwoLines, accuracy_table, label_accuracy
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from tests.support.classic_lane import lane_result
 from tests.support.project import ROOT
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from course.dataset import DatasetError, open_dataset
-from lanes.images import write_image
+from lanes.video.images import write_image
 
 
 @pytest.fixture

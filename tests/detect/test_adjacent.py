@@ -11,8 +11,8 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import COASTING, ROAD_EDGE, LineEvidence
 from lanes.detect.road import SIDES
 from lanes.detect.search import find_lane
-from lanes.images import read_image
 from lanes.tracking.tracker import LaneTracker
+from lanes.video.images import read_image
 from simulator.rendering.drive import Motion
 from simulator.road.geometry import line_lateral
 from simulator.scenes.freeway import DASHCAM as COURSE_CAMERA

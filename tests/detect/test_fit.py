@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, Stripes, strength_weight
 from lanes.detect.fit import fit_lanes, fit_starts, flatten, intersect_ground, stripe_residuals

@@ -16,9 +16,9 @@ from lanes.detect.search import detect_still
 from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
-from lanes.images import write_image
 from lanes.many import fingerprint
 from lanes.tracking.tracker import LaneTracker
+from lanes.video.images import write_image
 from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.onnx_file import LOGITS, threshold, write_model

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import lanes
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from lanes.detect.markings import find_mask, load_markings, run_network
 from lanes.errors import LaneError
-from lanes.images import write_image
+from lanes.video.images import write_image
 from tests.support.onnx_file import LOGITS, threshold, write_model
 from tests.support.painted_roads import Road, dashcam
 

@@ -18,9 +18,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lanes.camera import load_camera, save_camera
+from lanes.camera.model import load_camera, save_camera
 from lanes.files import read_telemetry
-from lanes.images import read_image, write_image
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from tests.support import bad_files as badfiles
 from tests.support.clips import write_drive

@@ -13,7 +13,7 @@ import numpy as np
 from benchmark.speed import time_frames
 from lanes.detect.lane import TRACKING
 from lanes.detect.search import find_lane
-from lanes.draw import draw_lane
+from lanes.show.draw import draw_lane
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend

@@ -19,7 +19,7 @@ from benchmark.evaluation import COMMITTED
 from benchmark.scores import Row
 from benchmark.systems import TRACKER
 from benchmark.tables import read_scores
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from lanes.tracking.tracker import LaneTracker
 from simulator.scenes.suite import SUITE
 from tests.support.committed import CommittedDrive

@@ -12,12 +12,12 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.actions.wheel_input import ScrollOrigin
 from selenium.webdriver.common.by import By
 
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from lanes.detect.lane import columns_at
-from lanes.images import write_image
 from lanes.label import label_rows
 from lanes.labels import EGO_SIDES, NO_POINT, read_labels
 from lanes.score import score_still
+from lanes.video.images import write_image
 from tests.support.browser import needs_browser, open_browser
 from tests.support.labelling import choose_clicks, is_painted, labelling, line_pixels
 from tests.support.painted_drive import BENDS

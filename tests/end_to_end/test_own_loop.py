@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from lanes.video.reader import read_video
 from tests.support.clips import FPS, write_clip
 from tests.support.painted_drive import BENDS, SMALL

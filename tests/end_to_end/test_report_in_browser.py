@@ -7,10 +7,10 @@ import pytest
 from selenium.webdriver import Keys
 
 from lanes.describe import describe_bend
-from lanes.images import write_image
 from lanes.labels import LaneColumns
-from lanes.report import write_report
 from lanes.score import score_still, score_tables, write_score_page
+from lanes.show.report import write_report
+from lanes.video.images import write_image
 from lanes.video.writer import VideoWriter
 from tests.support.browser import needs_browser, open_browser
 from tests.test_report import story

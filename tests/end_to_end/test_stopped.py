@@ -14,9 +14,9 @@ from pathlib import Path
 
 import pytest
 
-from lanes.camera import load_camera
+from lanes.camera.model import load_camera
 from lanes.files import read_telemetry
-from lanes.images import read_image, write_image
+from lanes.video.images import read_image, write_image
 from lanes.video.reader import inspect_video
 from simulator.rendering import render
 from simulator.scenes.motorway import project_video
@@ -33,8 +33,8 @@ WRITES = """
 import sys
 from pathlib import Path
 import numpy as np
-from lanes.camera import Camera, save_camera
-from lanes.images import write_image
+from lanes.camera.model import Camera, save_camera
+from lanes.video.images import write_image
 from lanes.files import write_atomically, write_json_lines, write_telemetry
 from lanes.video.writer import VideoWriter
 folder = Path(sys.argv[1])

@@ -12,7 +12,7 @@ import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera import CalibrationReport, camera_to_dict, load_camera
+from lanes.camera.model import CalibrationReport, camera_to_dict, load_camera
 from lanes.errors import CameraError
 from lanes.files import read_telemetry
 from lanes.labels import LaneColumns, read_labels, read_predictions

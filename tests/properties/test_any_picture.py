@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT, ROAD_M
 from lanes.detect.lane import Lane, telemetry_row

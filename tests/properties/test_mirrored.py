@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.detect.lane import Lane
 from lanes.tracking.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL

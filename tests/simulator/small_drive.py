@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from lanes.camera import CameraPose
+from lanes.camera.model import CameraPose
 from simulator.backdrop import BackdropStyle
 from simulator.light.lens import Lens
 from simulator.light.sunlight import Sun

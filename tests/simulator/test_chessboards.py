@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
-from lanes.camera import camera_from_dict
-from lanes.images import read_image
+from lanes.camera.model import camera_from_dict
+from lanes.video.images import read_image
 from simulator import chessboards as scene
 from simulator.chessboards import BOARD_VIEWS, render_board, true_corners, write_boards
 from simulator.scenes.freeway import DASHCAM

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
-from lanes.camera import load_camera
+from lanes.camera.model import load_camera
 from lanes.files import read_telemetry
-from lanes.images import read_image
+from lanes.video.images import read_image
 from lanes.video.reader import read_video
 from simulator.light.lens import AutoExposure
 from simulator.light.sunlight import BridgeShade

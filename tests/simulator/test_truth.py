@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.files import read_telemetry
 from simulator.objects.scene_objects import PlacedObject
 from simulator.objects.vehicles import Car

@@ -10,7 +10,7 @@ import av
 import numpy as np
 from av.container import OutputContainer
 
-from lanes.camera import save_camera
+from lanes.camera.model import save_camera
 from simulator.road.truth import truth_row, write_truth_csv
 from tests.support.painted_drive import PaintedDrive
 

@@ -11,7 +11,7 @@ from benchmark.errors import FrameErrors, frame_errors
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import list_drives, read_truth
 from benchmark.systems import lane_estimate
-from lanes.camera import load_camera
+from lanes.camera.model import load_camera
 from lanes.detect.lane import Lane
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import read_timed_frames

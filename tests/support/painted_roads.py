@@ -14,7 +14,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose
+from lanes.camera.model import Camera, CameraPose
 from simulator.painted_drive import DASH_M, FARTHEST_M
 
 WHITE, YELLOW, ASPHALT = (225, 225, 220), (215, 165, 40), (95, 95, 98)

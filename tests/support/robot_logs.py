@@ -16,7 +16,7 @@ pytest.importorskip("rosbags", reason="rosbags is not installed: pip install ros
 from rosbags import rosbag1, rosbag2
 from rosbags.typesys import Stores, get_typestore
 
-from lanes.camera import Camera
+from lanes.camera.model import Camera
 from lanes.video.reader import read_timed_frames
 
 BEGIN_NS = 1_700_000_000_250_000_000

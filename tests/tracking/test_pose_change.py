@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from lanes.tracking.pose_change import find_pose_change, find_wrong_yaw
+from lanes.pose.change import find_pose_change, find_wrong_yaw
 
 
 def test_a_short_drive_and_an_unsteady_yaw_are_no_wrong_yaw():

@@ -28,8 +28,8 @@ import numpy as np
 
 from lanes.errors import LaneError, VideoError
 from lanes.files import parse_yaml, protobuf_fields, read_text, require_file
+from lanes.ros.log_images import count_bits, decode_image, decode_video, find_peak, is_key_frame
 from lanes.video import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
-from lanes.video.log_images import count_bits, decode_image, decode_video, find_peak, is_key_frame
 
 # Ends of the names of logs, also compressed by rosbag2.
 _LOG_NAMES = r"\.(bag|db3|mcap)(\.zstd?)?$"

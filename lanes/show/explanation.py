@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera import Camera, require_camera
+from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_bend
 from lanes.detect.birdseye import lightness
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses
@@ -24,7 +24,7 @@ from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search, StillDetection, detect_still
 from lanes.errors import ByValue, CameraError
-from lanes.tracking.pose_change import describe_wrong_yaw
+from lanes.pose.change import describe_wrong_yaw
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 
@@ -64,7 +64,7 @@ class Explanation(ByValue):
 
     `steps` are in order of execution; only the last one may have failed. `detection` is None if the camera sees no
     road. `fit` is that of the lane, or the best one of a search without a lane. `prediction` (15,) is the tracked lane
-    before the fit. `candidates` are those lanes that a search compared, best first. `lanes.figures.show_explanation`
+    before the fit. `candidates` are those lanes that a search compared, best first. `lanes.show.figures.show_explanation`
     draws it.
     """
 

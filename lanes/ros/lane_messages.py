@@ -22,8 +22,8 @@ from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.road import road_height
 from lanes.files import MESSAGES_SUFFIX, TelemetryWriter, atomic_write, translate_write_errors
+from lanes.ros.robot_log import LogIndex
 from lanes.tracking.tracker import LaneTracker
-from lanes.video.robot_log import LogIndex
 
 _TYPES = {n: "std_msgs/msg/Float64" for n in telemetry_row(None) if n.endswith(("confidence", "_m", "_rad"))}
 _TYPES["lines"] = "visualization_msgs/msg/MarkerArray"

@@ -101,7 +101,7 @@ def fill_page(path: str | Path, name: str, parts: Mapping[str, str], data: objec
 
 
 def _asset(name: str) -> str:
-    return files("lanes").joinpath("pages", name).read_text(encoding="utf-8")
+    return files("lanes").joinpath("show", "pages", name).read_text(encoding="utf-8")
 
 
 def share_tracked(telemetry: Telemetry) -> float:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.images import MAX_PIXELS
+from lanes.video.images import MAX_PIXELS
 
 # Encodings of raw images (sensor_msgs/image_encodings.hpp, and names of drivers): values of a pixel, and OpenCV's
 # conversion to RGB. Those that end in 10, 12, 14 or 16 have that many bits a value, in two bytes.

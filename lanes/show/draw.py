@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from lanes import canvas
-from lanes.camera import Camera, require_camera
+from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
@@ -95,9 +95,9 @@ def draw_lane(
     style : {"lane", "lines", "inset", "mosaic"}
         The filled lane, its two lines, the lane with a bird's-eye view, or a mosaic with intermediate results.
     parts : collection of str, optional
-        What to draw, of `lanes.draw.PARTS`; by default the parts of the style.
+        What to draw, of `lanes.show.draw.PARTS`; by default the parts of the style.
     colours : mapping of str to RGB colour, optional
-        Other colours than those of `lanes.draw.COLOURS`, by the same names.
+        Other colours than those of `lanes.show.draw.COLOURS`, by the same names.
     thickness : float
         Width of lines and dots, relative to the usual one.
     opacity : float

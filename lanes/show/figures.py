@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lanes.camera import undistort
+from lanes.camera.model import undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
 from lanes.detect.fit import Fit
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.detect.search import VOTES, Search, StillDetection
-from lanes.draw import draw_lane
-from lanes.explanation import Explanation
 from lanes.files import write_atomically
+from lanes.show.draw import draw_lane
+from lanes.show.explanation import Explanation
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -19,10 +19,7 @@ import cv2
 import numpy as np
 import yaml
 
-from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
-from lanes.files import read_text, write_atomically
-from lanes.images import MAX_PIXELS, require_rgb, upright_axes
-from lanes.lens import (
+from lanes.camera.lens import (
     LENS_MODELS,
     LensModel,
     as_ros_layout,
@@ -32,6 +29,9 @@ from lanes.lens import (
     parse_camera_yaml,
     parse_distortion,
 )
+from lanes.errors import ByValue, CameraError, PictureError, require_number, require_type
+from lanes.files import read_text, write_atomically
+from lanes.video.images import MAX_PIXELS, require_rgb, upright_axes
 
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150
@@ -254,7 +254,7 @@ class Camera(ByValue):
         return replace(self, width=int(size[0]), height=int(size[1]), matrix=matrix, distortion=distortion)
 
     def require_size(self, image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
-        """As `lanes.images.require_rgb`; also raises PictureError if the image has another size than the camera's."""
+        """As `lanes.video.images.require_rgb`; also raises PictureError if the image has another size than the camera's."""
         name = image if isinstance(image, str | Path) else name
         image = require_rgb(image, name)
         height, width = image.shape[:2]
@@ -396,7 +396,7 @@ def _undistortion_maps(size: tuple[int, int], matrix: tuple, distortion: tuple) 
 
 
 # Camera files: YAML in the layout of ROS camera_info plus `pose:` and `calibration:` blocks; others are read as well
-# (lanes/lens.py).
+# (lanes/camera/lens.py).
 
 
 def save_camera(camera: Camera, path: str | Path) -> Path:

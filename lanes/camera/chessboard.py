@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from lanes.camera import resize_points
+from lanes.camera.model import resize_points
 from lanes.errors import CameraError
-from lanes.images import require_rgb
+from lanes.video.images import require_rgb
 
 # Largest relative error of the cross ratio of four corners, the median over a row. Measured: 0.013 on 40 rendered and
 # real boards, mostly 0.012 with fisheye lenses of 140 to 200 degrees, and 0.08 or more if a row is skipped.

@@ -15,13 +15,13 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from lanes.camera import CalibrationReport, Camera, resize_points
+from lanes.camera.chessboard import Board, draw_board, find_board
+from lanes.camera.model import CalibrationReport, Camera, resize_points
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, PANEL_COLOUR, WINDOW_COLOUR, Colour, put_text
-from lanes.chessboard import Board, draw_board, find_board
 from lanes.errors import CameraError, PictureError
-from lanes.images import as_stored, kind_of_file, opencv_threads, read_image
-from lanes.sources import find_sources
+from lanes.video.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.video.reader import inspect_video, read_timed_frames
+from lanes.video.sources import find_sources
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 _MIN_VIEWS = 3

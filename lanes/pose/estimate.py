@@ -1,7 +1,7 @@
 """Estimate the camera pose from images of a drive: height, pitch, yaw and roll from the lanes that they show.
 
 The edges along the road give a first pitch and yaw, the lanes in some images, searched at several heights, a first
-height and roll (`lanes.pose_votes`). Then the lane is looked for in each image (`lanes.detect.search`). Lines that are
+height and roll (`lanes.pose.votes`). Then the lane is looked for in each image (`lanes.detect.search`). Lines that are
 parallel on the road give the pitch of the image. Their direction gives the yaw, because the heading of a car in its
 lane averages to zero over a drive. The lane width gives the height. Lanes of equal width that look narrower on one side
 give the roll. The pose is the median over the images.
@@ -23,7 +23,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera import Camera, CameraPose, require_camera
+from lanes.camera.field_of_view import find_camera
+from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.markings import Markings
 from lanes.detect.search import (
@@ -35,9 +36,7 @@ from lanes.detect.search import (
     detect_with_own_pose,
 )
 from lanes.errors import ByValue, CameraError, PoseError, require_type
-from lanes.field_of_view import find_camera
-from lanes.images import require_rgb
-from lanes.pose_votes import (
+from lanes.pose.votes import (
     AHEAD,
     PRIOR_HEIGHT_LOG_STD,
     PRIOR_HEIGHT_M,
@@ -53,7 +52,8 @@ from lanes.pose_votes import (
     table,
     weighted_median,
 )
-from lanes.sources import find_sources, require_topic, sample_images
+from lanes.video.images import require_rgb
+from lanes.video.sources import find_sources, require_topic, sample_images
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate System). Motorway lanes elsewhere
 # are 3.50 to 3.75 m wide, hence the standard deviation.
