@@ -2,15 +2,18 @@
 
     stripes -> vote_lanes (start hypotheses) -> fit_starts -> Lane
 
-The votes are the histogram of the course's first half, generalised to roads that bend. For each hypothesis of heading,
-curvature and pitch the stripes are counted in bins of their distance from its arc: a line that follows the hypothesis
-adds up in one bin, whatever its shape on the road. Stripes whose own direction contradicts the hypothesis have no
-weight (votes with directions: Ballard's generalised Hough transform, 1981). Peaks to the left and to the right of the
-car are then paired to lanes, with a prior for lane width and position.
+The votes are the histogram of the course's first half, generalised to roads that bend.
+For each hypothesis of heading, curvature and pitch the stripes are counted in bins of
+their distance from its arc: a line that follows the hypothesis adds up in one bin,
+whatever its shape on the road. Stripes whose own direction contradicts the hypothesis
+have no weight (votes with directions: Ballard's generalised Hough transform, 1981).
+Peaks to the left and to the right of the car are then paired to lanes, with a prior for
+lane width and position.
 
-A single image determines the height of its camera roughly, or not at all. With a wrong height two lines that are not a
-lane apart are taken for the ego lane. Several heights are therefore tried. If they show the same lane, the height does
-not matter; if they show different ones, the lane is doubtful.
+A single image determines the height of its camera roughly, or not at all. With a wrong
+height two lines that are not a lane apart are taken for the ego lane. Several heights
+are therefore tried. If they show the same lane, the height does not matter; if they
+show different ones, the lane is doubtful.
 """
 
 from __future__ import annotations
@@ -25,26 +28,25 @@ import numpy as np
 
 from lanes.camera.model import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import PAINT, Evidence, PaintSettings, Stripes, find_evidence
-from lanes.detect.fit import (
-    MIN_SCALE,
-    Fit,
-    FitSettings,
-    fit_starts,
-    flatten,
-    intersect_ground,
-    near_stripes,
-    stripe_residuals,
-)
+from lanes.detect.evidence import Evidence, PaintSettings, Stripes, find_evidence
+from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
 from lanes.detect.lane import FarEvidence, Lane, LineEvidence
 from lanes.detect.line_type import MarkingProfile, marking_profile
 from lanes.detect.markings import Markings
+from lanes.detect.residuals import (
+    MIN_SCALE,
+    flatten,
+    intersect_ground,
+    stripe_residuals,
+)
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
     HEADING,
+    LEFT_SIDE,
     PARAMETERS,
     PITCH,
+    RIGHT_SIDE,
     SIDES,
     WIDTH,
     RoadPrior,
@@ -57,17 +59,22 @@ from lanes.errors import require_type
 
 @dataclass(frozen=True)
 class VoteSettings:
-    """Hypotheses, bins and pairing; tuned on the labelled Udacity stills where no source is given."""
+    """Hypotheses, bins and pairing; tuned on the labelled Udacity stills where no
+    source is given.
+    """
 
-    # Votes come from stripes nearer than this, where one arc is enough; the fit continues outwards.
+    # Votes come from stripes nearer than this, where one arc is enough; the fit
+    # continues outwards.
     far_m: float = 22.0
-    # Hypotheses of heading (rad) and curvature (1/m) to either side of 0: number, first step, relative growth of the
-    # steps. They are dense where roads usually are; radii go down to 15 m.
+    # Hypotheses of heading (rad) and curvature (1/m) to either side of 0: number, first
+    # step, relative growth of the steps. They are dense where roads usually are; radii
+    # go down to 15 m.
     headings: tuple[int, float, float] = (6, 0.03, 0.18)
     curvatures: tuple[int, float, float] = (11, 0.0015, 0.24)
     bin_m: float = 0.15
     bins: int = 60
-    # Cost of one squared standard deviation from the prior, relative to the square root of a line's share of votes.
+    # Cost of one squared standard deviation from the prior, relative to the square root
+    # of a line's share of votes.
     prior_weight: float = 0.05
     # Lanes that are returned.
     lanes: int = 5
@@ -75,18 +82,20 @@ class VoteSettings:
     @cached_property
     def hypotheses(self) -> np.ndarray:
         """(H, 3): heading, curvature and pitch."""
+        headings = _spread(*self.headings)
+        curvatures = _spread(*self.curvatures)
         pitches = np.arange(-1, 2) * 0.018  # a degree up and down, as cars pitch
-        values = _spread(*self.headings), _spread(*self.curvatures), pitches
-        return np.stack(np.meshgrid(*values, indexing="ij"), axis=-1).reshape(-1, 3)
+        grid = np.meshgrid(headings, curvatures, pitches, indexing="ij")
+        return np.stack(grid, axis=-1).reshape(-1, 3)
 
     @cached_property
     def bin_centres_m(self) -> np.ndarray:
-        """(bins,) distance of the centre of each bin to the left of a hypothesis' arc."""
+        """(bins,) distance of each bin's centre to the left of a hypothesis' arc."""
         return (np.arange(self.bins) + 0.5 - self.bins / 2) * self.bin_m
 
 
 def _spread(count: int, step: float, growth: float) -> np.ndarray:
-    """Zero and `count` values to either side, first a `step` apart, then at growing distances."""
+    """Zero and `count` values to either side, first a `step` apart, then farther."""
     k = np.arange(-count, count + 1)
     return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
@@ -95,109 +104,194 @@ VOTES = VoteSettings()
 
 
 def vote_lanes(
-    stripes: Stripes, view: BirdsEyeView, prior: RoadPrior, settings: VoteSettings = VOTES
+    stripes: Stripes,
+    view: BirdsEyeView,
+    prior: RoadPrior,
+    settings: VoteSettings = VOTES,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """The vote table (hypotheses, bins) of the stripes, and the lanes (K, 15) that it suggests, best first."""
+    """The vote table (hypotheses, bins), and the lanes (K, 15) that it suggests.
+
+    The lanes are ordered, best first.
+    """
     votes = count_votes(stripes, view.height_m, settings)
-    return votes, best_pairs(votes, int((view.x_m < settings.far_m).sum()), prior, settings)
+    rows = int((view.x_m < settings.far_m).sum())
+    return votes, best_pairs(votes, rows, prior, settings)
 
 
-def count_votes(stripes: Stripes, height_m: float, settings: VoteSettings = VOTES) -> np.ndarray:
-    """Histogram (H, bins) of the stripes, weighted, by their distance to the left of each hypothesis' arc.
+def count_votes(
+    stripes: Stripes, height_m: float, settings: VoteSettings = VOTES
+) -> np.ndarray:
+    """Histogram (H, bins) of the stripes by their distance from each hypothesis' arc.
 
-    The bins are centred on `settings.bin_centres_m`.
+    The stripes are weighted, the distance is to the left of the arc. The bins are
+    centred on `settings.bin_centres_m`.
     """
     near = stripes.select(stripes.x_m < settings.far_m)
     weight = near.weight.astype(np.float32)
     heading, curvature, pitch = settings.hypotheses.T
     votes = np.zeros((len(heading), settings.bins))
-    for angle_rad in np.unique(pitch):
-        of = np.flatnonzero(pitch == angle_rad)
-        ground = intersect_ground(near.x_m, parameter_vector(pitch=angle_rad), height_m)
+    for pitch_rad in np.unique(pitch):
+        # the stripes on the road of this pitch
+        lane = parameter_vector(pitch=pitch_rad)
+        ground = intersect_ground(near.x_m, lane, height_m)
         x, y, angle = flatten(near.x_m, near.y_m, near.angle, ground, height_m)
-        a, agreement = _distances_and_agreement(x, y, angle, near.angle_std_rad, heading[of], curvature[of])
+
+        # distances from the arcs of all hypotheses with this pitch, and their bins
+        of_pitch = np.flatnonzero(pitch == pitch_rad)
+        a, agreement = _distances_and_agreement(
+            x,
+            y,
+            angle,
+            near.angle_std_rad,
+            heading[of_pitch],
+            curvature[of_pitch],
+        )
         # in place: half of the time is memory allocation
         a *= 1 / settings.bin_m
         a += settings.bins / 2
         bins = np.clip(a, 0, settings.bins - 1, out=a).astype(np.intp)
-        bins += settings.bins * np.arange(len(of))[:, None]
-        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), len(of) * settings.bins)
-        votes[of] = counts.reshape(-1, settings.bins)
+        bins += settings.bins * np.arange(len(of_pitch))[:, None]
+
+        size = len(of_pitch) * settings.bins
+        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), size)
+        votes[of_pitch] = counts.reshape(-1, settings.bins)
     # the outermost bins also hold everything beyond them
     votes[:, [0, -1]] = 0
     return votes
 
 
-def _distances_and_agreement(x, y, angle, angle_std, heading, curvature) -> tuple[np.ndarray, np.ndarray]:
-    """For each hypothesis and stripe: the stripe's distance from the arc, and the agreement of the directions, 0 to 1.
+def _distances_and_agreement(
+    x: np.ndarray,
+    y: np.ndarray,
+    angle: np.ndarray,
+    angle_std: np.ndarray,
+    heading: np.ndarray,
+    curvature: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Distance of each stripe from each hypothesis' arc, and agreement of directions.
 
-    The geometry is that of `lanes.detect.fit`, written as two products of matrices in float32:
-    bins are coarse, and this table takes most of the time of a search.
+    Both are (hypotheses, stripes), the agreement 0 to 1. The geometry is that of
+    `lanes.detect.residuals`, written as two products of matrices in float32: bins are
+    coarse, and this table takes most of the time of a search.
     """
-    sin, cos = np.sin(heading), np.cos(heading)
-    across, front = np.sin(angle), np.cos(angle)
-    twice = sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, x * x + y * y))
-    of_stripes = front / angle_std, across / angle_std, (x * front + y * across) / angle_std
+    # twice the distance, were the arc a straight line with a small correction
+    sin = np.sin(heading)
+    cos = np.cos(heading)
+    square = x * x + y * y
+    twice = sums_of_products((2 * cos, -2 * sin, -curvature), (y, x, square))
+
+    # sine of the angle between stripe and arc, in standard deviations
+    across = np.sin(angle)
+    front = np.cos(angle)
+    turn = (x * front + y * across) / angle_std
+    of_stripes = (front / angle_std, across / angle_std, turn)
     angle_residual = sums_of_products((sin, -cos, curvature), of_stripes)
-    squared_scale = np.maximum(1 - curvature.astype(np.float32)[:, None] * twice, MIN_SCALE**2)
-    return twice / (1 + np.sqrt(squared_scale)), np.square(squared_scale / (angle_residual**2 + squared_scale))
+
+    scale_square = 1 - curvature.astype(np.float32)[:, None] * twice
+    scale_square = np.maximum(scale_square, MIN_SCALE**2)
+    distance = twice / (1 + np.sqrt(scale_square))
+    agreement = np.square(scale_square / (angle_residual**2 + scale_square))
+    return distance, agreement
 
 
-def sums_of_products(of_hypotheses: tuple, of_stripes: tuple) -> np.ndarray:
-    """(hypotheses, stripes) float32: sums over pairs of factors, one of each hypothesis, the other of each stripe."""
-    return np.stack(of_hypotheses, axis=1).astype(np.float32) @ np.stack(of_stripes).astype(np.float32)
+def sums_of_products(
+    of_hypotheses: tuple[np.ndarray, ...], of_stripes: tuple[np.ndarray, ...]
+) -> np.ndarray:
+    """(hypotheses, stripes) float32: sums over pairs of factors.
 
-
-def best_pairs(votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings = VOTES) -> np.ndarray:
-    """At most `settings.lanes` lanes (K, 15), best first, without duplicates, from pairs of lines in the votes.
-
-    The score of a lane is the sum of the square roots of its lines' shares of `rows`, the votes of a solid line. Two
-    fair lines therefore beat one good line alone.
+    One factor is of each hypothesis, the other of each stripe.
     """
-    hypothesis, middle = settings.hypotheses, settings.bin_centres_m
+    rows = np.stack(of_hypotheses, axis=1).astype(np.float32)
+    columns = np.stack(of_stripes).astype(np.float32)
+    return rows @ columns
+
+
+def best_pairs(
+    votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings = VOTES
+) -> np.ndarray:
+    """At most `settings.lanes` lanes (K, 15), best first, from pairs of lines in the
+    votes.
+
+    There are no duplicates. The score of a lane is the sum of the square roots of its
+    lines' shares of `rows`, the votes of a solid line. Two fair lines therefore beat
+    one good line alone.
+    """
+    hypothesis = settings.hypotheses
+    middle = settings.bin_centres_m
     # a stripe between two bins also counts in the other one
     shared = votes.copy()
     shared[:, 1:-1] += 0.6 * (votes[:, :-2] + votes[:, 2:])
     # float32, because there are 400,000 pairs of bins
     support = np.sqrt(shared / rows).astype(np.float32)
-    # metres from the car to either side
-    left, right = (np.flatnonzero((side * middle > 0.3) & (side * middle < 3.6)) for side in SIDES)
-    width, centre = middle[left, None] - middle[right], (middle[left, None] + middle[right]) / 2
-    pair_distance = ((width - prior.mean[WIDTH]) / prior.std[WIDTH]) ** 2 + (centre / prior.std[CENTRE]) ** 2
+
+    # all pairs of a line to the left and one to the right of the car, less their
+    # distance from the prior
+    left, right = (np.flatnonzero(_is_beside(side * middle)) for side in SIDES)
+    width = middle[left, None] - middle[right]
+    centre = (middle[left, None] + middle[right]) / 2
+    from_width = (width - prior.mean[WIDTH]) / prior.std[WIDTH]
+    from_centre = centre / prior.std[CENTRE]
+    pair_distance = from_width**2 + from_centre**2
     score = support[:, left, None] + support[:, None, right]
     score -= (settings.prior_weight * pair_distance).astype(np.float32)
+
+    # the best pair of each hypothesis
     score = score.reshape(len(hypothesis), -1)
     pair = score.argmax(axis=1)
-    distance = ((hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]) ** 2).sum(1)
-    best = score[np.arange(len(pair)), pair] - settings.prior_weight * distance
+    from_prior = hypothesis / prior.std[[HEADING, CURVATURE, PITCH]]
+    penalty = settings.prior_weight * (from_prior**2).sum(1)
+    best = score[np.arange(len(pair)), pair] - penalty
     lanes = np.zeros((len(pair), PARAMETERS))
-    lanes[:, CENTRE], lanes[:, WIDTH] = centre.ravel()[pair], width.ravel()[pair]
+    lanes[:, CENTRE] = centre.ravel()[pair]
+    lanes[:, WIDTH] = width.ravel()[pair]
     lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis
-    return _suppress_non_maxima(lanes[np.argsort(-best, kind="stable")], settings.lanes)
+    order = np.argsort(-best, kind="stable")
+    return _suppress_non_maxima(lanes[order], settings.lanes)
+
+
+def _is_beside(distance_m: np.ndarray) -> np.ndarray:
+    """Whether a line at this distance from the car, to one side, can be one of its
+    lane.
+    """
+    return (distance_m > 0.3) & (distance_m < 3.6)
 
 
 def _suppress_non_maxima(lanes: np.ndarray, count: int) -> np.ndarray:
-    """The first `count` of the lanes (N, 15), best first, that do not lead to the same fit as an earlier one.
+    """The first `count` of the lanes (N, 15) that do not lead to the same fit as a
+    better.
 
-    Two lanes do if centre and width differ by less than 0.35 m, and the curvatures by less than 0.002 1/m and 30 %.
+    They are ordered, best first. Two lanes lead to the same fit if centre and width
+    differ by less than 0.35 m, and the curvatures by less than 0.002 1/m and 30 %.
     """
     chosen: list[int] = []
     free = np.ones(len(lanes), bool)
     while len(chosen) < count and free.any():
-        chosen.append(int(free.argmax()))
-        difference = np.abs(lanes - lanes[chosen[-1]])
-        moved = np.maximum(difference[:, CENTRE], difference[:, WIDTH]) > 0.35
-        free &= moved | (difference[:, CURVATURE] > 0.002 + 0.3 * np.abs(lanes[:, CURVATURE]))
+        best = int(free.argmax())
+        chosen.append(best)
+        difference = np.abs(lanes - lanes[best])
+        moved_m = np.maximum(difference[:, CENTRE], difference[:, WIDTH])
+        same_bend = 0.002 + 0.3 * np.abs(lanes[:, CURVATURE])
+        free &= (moved_m > 0.35) | (difference[:, CURVATURE] > same_bend)
     return lanes[chosen]
 
 
-# Stripes between the lines of a lane: those farther from the lines than this, up to the distance ahead in which lanes
-# are rated. This number of stripes on the lines is added, so that a few dots of a worn line are no clutter.
-BETWEEN_M, BETWEEN_FAR_M, BETWEEN_STRIPES = 0.5, 30.0, 5.0
-# Smallest support of a far line that is seen, and smallest distance from its first to its last stripe: one dash, an
-# arrow or a car is shorter. On the eight stills and 36 scenes of the rendered suite, variants 3 to 6, 89 far lines are
-# seen. Two are wrong, as are their ego lanes.
-FAR_SUPPORT, FAR_SPAN_M = 0.05, 10.0
+# Clutter: stripes between the lines of a lane, farther from the lines than this, up to
+# the distance ahead in which lanes are rated.
+CLUTTER_FROM_M = 0.5
+CLUTTER_FAR_M = 30.0
+# This number of stripes on the lines is added, so that a few dots of a worn line are no
+# clutter.
+CLUTTER_STRIPES = 5.0
+# Smallest support of a far line that is seen, and smallest distance from its first to
+# its last stripe: one dash, an arrow or a car is shorter. On the eight stills and 36
+# scenes of the rendered suite, variants 3 to 6, 89 far lines are seen. Two are wrong,
+# as are their ego lanes.
+FAR_SUPPORT = 0.05
+FAR_SPAN_M = 10.0
+# A line is an edge of the road, not painted, if the band filter sees paint in less than
+# this share of its rows: kerbs and ends of pavements had at most 0.2, faint lines that
+# the network took for edges 0.4 to 1.
+EDGE_PAINT_BELOW = 0.3
 
 
 @dataclass(frozen=True)
@@ -207,8 +301,9 @@ class DetectorSettings:
     paint: PaintSettings = field(default_factory=PaintSettings)
     votes: VoteSettings = field(default_factory=VoteSettings)
     fit: FitSettings = field(default_factory=FitSettings)
-    # The views of single images and searches begin where images do, and are so wide that they hold the adjacent lines:
-    # in a wider one the network finds more false stripes.
+    # The views of single images and searches begin where images do, and are so wide
+    # that they hold the adjacent lines: in a wider one the network finds more false
+    # stripes.
     near_m: float = 2.5
     half_width_m: float = 6.5
 
@@ -218,7 +313,9 @@ DETECTOR = DetectorSettings()
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The steps of a search: vote table, fit of all start hypotheses to the near stripes, and the final fit."""
+    """The steps of a search: vote table, fit of all start hypotheses to the near
+    stripes, and the final fit.
+    """
 
     votes: np.ndarray
     starts: Fit
@@ -229,7 +326,8 @@ class Search:
 class StillDetection:
     """The result of a detection in an image, with its intermediate results.
 
-    `search` is None without stripes near the car, or if a tracker made none; `lane` is None if no lane is seen.
+    `search` is None without stripes near the car, or if a tracker made none; `lane` is
+    None if no lane is seen.
     """
 
     evidence: Evidence
@@ -247,31 +345,42 @@ class StillDetection:
         return self.lane.confidence if self.lane else 0.0
 
 
-def search_lane(evidence: Evidence, settings: DetectorSettings = DETECTOR) -> StillDetection:
+def search_lane(
+    evidence: Evidence, settings: DetectorSettings = DETECTOR
+) -> StillDetection:
     """Search the ego lane in the evidence of one image."""
-    stripes, view = evidence.stripes, evidence.view
+    stripes = evidence.stripes
     if not len(near_stripes(stripes, settings.fit)):
         return StillDetection(evidence)
-    votes, starts = vote_lanes(stripes, view, settings.fit.prior, settings.votes)
-    near, fit = fit_starts(starts, stripes, view, settings.fit)
+    votes, starts = vote_lanes(
+        stripes, evidence.view, settings.fit.prior, settings.votes
+    )
+    near, fit = fit_starts(starts, stripes, evidence.view, settings.fit)
+    search = Search(votes, near, fit)
     if not fit.seen[0]:
-        return StillDetection(evidence, Search(votes, near, fit))
+        return StillDetection(evidence, search)
+    return StillDetection(evidence, search, _found_lane(fit, evidence))
+
+
+def _found_lane(fit: Fit, evidence: Evidence) -> Lane:
+    """The lane of a fit of one lane, with what the image shows of its lines."""
     left, right = observe_lines(fit, evidence, (LineEvidence(), LineEvidence()))
-    model = fit.lanes[0] + inner_stripe_shift([left.profile, right.profile])
-    lane = Lane(
+    model = fit.lanes[0] + inner_stripe_shift(left.profile, right.profile)
+    from_centres = inner_stripe_shift(left.double_profile, right.double_profile)
+    # a lane that the car is not in starts no track
+    penalty = not is_ego_lane(fit.lanes)[0]
+    return Lane(
         model=model,
-        centres=model - inner_stripe_shift([left.double_profile, right.double_profile]),
+        centres=model - from_centres,
         fit_covariance=fit.covariance[0],
         # rows are counted again in the next frame, because its view may be narrower
         evidence=(replace(left, rows=None), replace(right, rows=None)),
-        # a lane that the car is not in starts no track
-        score=lane_score((left, right)) - (not is_ego_lane(fit.lanes)[0]),
+        score=lane_score((left, right)) - penalty,
         clear_share=clear_share(fit),
         far_evidence=observe_far_lines(fit, evidence),
         confidence_shift=evidence.confidence_shift,
         camera=evidence.view.camera,
     )
-    return StillDetection(evidence, Search(votes, near, fit), lane)
 
 
 def lane_score(lines: Sequence[LineEvidence]) -> float:
@@ -280,16 +389,20 @@ def lane_score(lines: Sequence[LineEvidence]) -> float:
 
 
 def clear_share(fit: Fit) -> float:
-    """Of the stripes along the fitted lane, on its lines and between them, the share on its lines, 0 to 1."""
-    residual_m, near = fit.residuals.residual_m[0], fit.stripes.x_m < BETWEEN_FAR_M
+    """Share of the stripes along the fitted lane that lie on its lines, 0 to 1.
+
+    The others, between the lines, are clutter.
+    """
     side = fit.residuals.side[0]
-    of_lane = near & (np.abs(side) == 1)
-    between = of_lane & (-side * residual_m > BETWEEN_M)
+    inwards_m = -side * fit.residuals.residual_m[0]
+    of_lane = (fit.stripes.x_m < CLUTTER_FAR_M) & (np.abs(side) == 1)
+    between = of_lane & (inwards_m > CLUTTER_FROM_M)
     # stripes that run across the lane do not count
-    along = fit.residuals.weights(np.full(len(side), np.inf))[0]
-    between_weight = float(fit.stripes.weight @ (between * along))
-    on_lines = BETWEEN_STRIPES + float(fit.weight[0] @ of_lane)
-    return on_lines / (on_lines + between_weight)
+    any_distance = np.full(len(side), np.inf)
+    along = fit.residuals.weights(any_distance)[0]
+    clutter = float(fit.stripes.weight @ (between * along))
+    on_lines = CLUTTER_STRIPES + float(fit.weight[0] @ of_lane)
+    return on_lines / (on_lines + clutter)
 
 
 def observe_lines(
@@ -301,69 +414,127 @@ def observe_lines(
 ) -> tuple[LineEvidence, LineEvidence]:
     """What one image shows of the left and the right line of a fitted lane.
 
-    The profiles of the lines `profiles_of` are measured, and vote. If there are any, the visible rows of both lines are
-    counted, too: they change slowly. Profiles and rows that are not measured are those of the `previous` frame.
+    The profiles of the lines `profiles_of` are measured, and vote. If there are any,
+    the visible rows of both lines are counted, too: they change slowly. Profiles and
+    rows that are not measured are those of the `previous` frame.
     """
-    count_rows = len(profiles_of) or any(line.rows is None for line in previous)
-    rows: list[Any] = fit.visible_rows[0].tolist() if count_rows else [line.rows for line in previous]
-    left, right = (
-        _observe_line(fit, (0, k), rows[k], line, evidence if k in profiles_of else None)
-        for k, line in enumerate(previous)
-    )
-    return left, right
+    rows: list[Any] = [line.rows for line in previous]
+    if len(profiles_of) or None in rows:
+        rows = fit.visible_rows[0].tolist()
+    observed = []
+    for k, line in enumerate(previous):
+        measured_in = evidence if k in profiles_of else None
+        observed.append(_observe_line(fit, (0, k), rows[k], line, measured_in))
+    return observed[0], observed[1]
 
 
 def observe_far_lines(fit: Fit, evidence: Evidence) -> FarEvidence:
-    """What one image shows of the far lines of the lanes to the left and right of a fitted lane; None if not seen."""
+    """What one image shows of the far lines of the lanes to the left and right.
+
+    None for a line that is not seen.
+    """
     lanes = np.array([adjacent_lane_matrix(side) @ fit.lanes[0] for side in SIDES])
-    adjacent = replace(fit, lanes=lanes, residuals=stripe_residuals(lanes, fit.stripes, fit.view.height_m))
+    residuals = stripe_residuals(lanes, fit.stripes, fit.view.height_m)
+    adjacent = replace(fit, lanes=lanes, residuals=residuals)
     # the left line of the lane to the left, and the right line of the lane to the right
     lines: list[LineEvidence | None] = [None, None]
     for k in range(2):
         marked_m = fit.stripes.x_m[adjacent.members[k, k]]
-        if len(marked_m) and np.ptp(marked_m) >= FAR_SPAN_M and adjacent.support[k, k] >= FAR_SUPPORT:
+        is_long = len(marked_m) > 0 and np.ptp(marked_m) >= FAR_SPAN_M
+        if is_long and adjacent.support[k, k] >= FAR_SUPPORT:
             rows = int(adjacent.visible_rows[k, k])
-            lines[k] = _observe_line(adjacent, (k, k), rows, LineEvidence(), evidence)
+            unknown = LineEvidence()
+            lines[k] = _observe_line(adjacent, (k, k), rows, unknown, evidence)
     return lines[0], lines[1]
 
 
 def _observe_line(
-    fit: Fit, line: tuple[int, int], rows: int, previous: LineEvidence, evidence: Evidence | None
+    fit: Fit,
+    line: tuple[int, int],
+    rows: int,
+    previous: LineEvidence,
+    evidence: Evidence | None,
 ) -> LineEvidence:
-    """What one image shows of the `line` (lane, side) of a fit; without `evidence` no profile is measured."""
-    members, profile, votes, seen = fit.members[line], previous.profile, previous.votes, None
+    """What one image shows of the `line` (lane, side) of a fit.
+
+    Without `evidence` no profile is measured.
+    """
+    members = fit.members[line]
+    # the cross-section, and the votes on the type of the line
+    profile = previous.profile
+    votes = previous.votes
     if evidence is not None:
-        stripe_rows = fit.stripes.row[members & fit.stripes.measurable & ~fit.stripes.edge]
-        seen = marking_profile(evidence.response, fit.view, fit.lines_y_m[line], stripe_rows, float(SIDES[line[1]]))
-    if seen is not None:
-        profile, votes = seen, votes.add(seen)
-    support, (start_m, reach_m) = float(fit.marked_rows[line] / rows), fit.extent_m[line].tolist()
-    start_m = min(filter(None, (start_m, previous.start_m)), default=0.0)
+        measured = _line_profile(fit, line, evidence)
+        if measured is not None:
+            profile = measured
+            votes = votes.add(measured)
+
     # by weight, because there are edges beside painted lines, too, and between dashes
     weight = fit.weight[line[0]] * members
-    edge = bool(weight @ fit.stripes.edge > weight @ ~fit.stripes.edge)
-    if edge and evidence is not None:
-        # kerbs and the ends of pavements had at most 0.2, faint lines that the network took for edges 0.4 to 1
-        edge = _painted_share(evidence, fit.lines_y_m[line], fit.stripes.row[members]) < 0.3
-    return LineEvidence(support, support >= fit.settings.min_support, reach_m, edge, rows, profile, votes, start_m)
+    is_edge = bool(weight @ fit.stripes.edge > weight @ ~fit.stripes.edge)
+    if is_edge and evidence is not None:
+        stripe_rows = fit.stripes.row[members]
+        painted = _painted_share(evidence, fit.lines_y_m[line], stripe_rows)
+        is_edge = painted < EDGE_PAINT_BELOW
+
+    support = float(fit.marked_rows[line] / rows)
+    start_m, reach_m = fit.extent_m[line].tolist()
+    starts_m = [value for value in (start_m, previous.start_m) if value]
+    return LineEvidence(
+        support=support,
+        seen=support >= fit.settings.min_support,
+        reach_m=reach_m,
+        edge=is_edge,
+        rows=rows,
+        profile=profile,
+        votes=votes,
+        start_m=min(starts_m, default=0.0),
+    )
 
 
-def _painted_share(evidence: Evidence, line_y_m: np.ndarray, stripe_rows: np.ndarray) -> float:
-    """Share of the rows between the stripes of a line in which the band filter sees paint within 0.15 m of it."""
-    view, strength = evidence.view, evidence.response.band_strength
-    rows = np.arange(stripe_rows.min(), stripe_rows.max() + 1)
-    beside = np.abs(view.y_m - line_y_m[rows, None]) < 0.15
-    return float(((strength[rows] > PAINT.min_strength) & beside).any(axis=1).mean())
+def _line_profile(
+    fit: Fit, line: tuple[int, int], evidence: Evidence
+) -> MarkingProfile | None:
+    """The profile of a `line` (lane, side) of a fit, from its painted stripes."""
+    painted = fit.members[line] & fit.stripes.measurable & ~fit.stripes.edge
+    return marking_profile(
+        evidence.response,
+        fit.view,
+        line_y_m=fit.lines_y_m[line],
+        stripe_rows=fit.stripes.row[painted],
+        side=float(SIDES[line[1]]),
+        paint=evidence.settings,
+    )
 
 
-def inner_stripe_shift(profiles: Sequence[MarkingProfile | None]) -> np.ndarray:
-    """Shift (15,) of the parameters from the fitted lines to the stripes next to the lane.
+def _painted_share(
+    evidence: Evidence, line_y_m: np.ndarray, stripe_rows: np.ndarray
+) -> float:
+    """Share of the rows between the stripes of a line with paint within 0.15 m of it.
 
-    Fits follow the centre of a double line. `profiles` are those of the left and the right line; None shifts nothing.
+    Paint is what the band filter sees.
     """
-    left, right = (p.stripe_m(side) if p else 0.0 for p, side in zip(profiles, SIDES, strict=True))
+    rows = np.arange(stripe_rows.min(), stripe_rows.max() + 1)
+    strength = evidence.response.band_strength[rows]
+    is_paint = strength > evidence.settings.min_strength
+    beside = np.abs(evidence.view.y_m - line_y_m[rows, None]) < 0.15
+    return float((is_paint & beside).any(axis=1).mean())
+
+
+def inner_stripe_shift(
+    left: MarkingProfile | None, right: MarkingProfile | None
+) -> np.ndarray:
+    """Shift (15,) of the parameters from the fitted lines to the stripes next to the
+    lane.
+
+    Fits follow the centre of a double line. The profiles are those of the left and the
+    right line; None shifts nothing.
+    """
+    left_m = left.stripe_m(LEFT_SIDE) if left else 0.0
+    right_m = right.stripe_m(RIGHT_SIDE) if right else 0.0
     shift = np.zeros(PARAMETERS)
-    shift[[CENTRE, WIDTH]] = (left + right) / 2, left - right
+    shift[CENTRE] = (left_m + right_m) / 2
+    shift[WIDTH] = left_m - right_m
     return shift
 
 
@@ -390,8 +561,9 @@ def find_lane(
         The camera that took it, with its pose.
     settings : DetectorSettings
     markings : callable, optional
-        A function from the image to a mask (rows, columns), 0 to 1, of its lane markings, at any resolution. It
-        replaces our own filters; see `lanes.detect.markings.load_markings`.
+        A function from the image to a mask (rows, columns), 0 to 1, of its lane
+        markings, at any resolution. It replaces our own filters; see
+        `lanes.detect.markings.load_markings`.
 
     Raises
     ------
@@ -410,10 +582,15 @@ def detect_still(
     *,
     markings: Markings | None = None,
 ) -> StillDetection:
-    """The detection in a single image of a camera with a known pose; parameters and errors as for `find_lane`."""
+    """The detection in a single image of a camera with a known pose.
+
+    Parameters and errors are those of `find_lane`.
+    """
     image = require_camera(camera).require_size(image)
-    paint = require_type(settings, DetectorSettings, "settings").paint
-    return search_lane(find_evidence(image, _view_of(camera, settings), paint, markings=markings), settings)
+    settings = require_type(settings, DetectorSettings, "settings")
+    view = _view_of(camera, settings)
+    evidence = find_evidence(image, view, settings.paint, markings=markings)
+    return search_lane(evidence, settings)
 
 
 def search_at_heights(
@@ -424,13 +601,22 @@ def search_at_heights(
     *,
     markings: Markings | None = None,
 ) -> list[StillDetection]:
-    """The detection in a single image for each height of the camera; the evidence is extracted once, with its own pose.
+    """The detection in a single image for each height of the camera.
 
-    The lanes have a `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is uncertain.
+    The evidence is extracted once, with the camera's own pose. The lanes have a
+    `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is
+    uncertain.
     """
-    evidence = find_evidence(image, _view_of(camera, settings), settings.paint, markings=markings)
-    found = [search_lane(evidence.at_height(float(h)), settings) for h in np.clip(heights_m, *HEIGHT_RANGE_M)]
-    return [replace(f, lane=replace(f.lane, same_lane_share=1.0)) if f.lane else f for f in found]
+    view = _view_of(camera, settings)
+    evidence = find_evidence(image, view, settings.paint, markings=markings)
+    detections = []
+    for height_m in np.clip(heights_m, *HEIGHT_RANGE_M):
+        found = search_lane(evidence.at_height(float(height_m)), settings)
+        if found.lane:
+            lane = replace(found.lane, same_lane_share=1.0)
+            found = replace(found, lane=lane)
+        detections.append(found)
+    return detections
 
 
 def detect_with_own_pose(
@@ -442,43 +628,61 @@ def detect_with_own_pose(
 ) -> StillDetection:
     """The detection in a single image whose camera pose is only known roughly.
 
-    The evidence is found once and searched for several heights of the camera. A height has its prior probability times
-    the odds of the lane that it shows. The lane with the largest sum over all heights that show it is taken, and of
-    these heights the most probable one. The share of the heights, by their prior, that show this lane is
+    The evidence is found once and searched for several heights of the camera. A height
+    has its prior probability times the odds of the lane that it shows. The lane with
+    the largest sum over all heights that show it is taken, and of these heights the
+    most probable one. The share of the heights, by their prior, that show this lane is
     `Lane.same_lane_share`. The fit itself finds the pitch.
 
-    The pose of `camera` is the estimate; it is kept if no height shows a lane. `height_log_std` is the standard
-    deviation of the logarithm of its height; 0 if the height is known. Errors are those of `find_lane`.
+    The pose of `camera` is the estimate; it is kept if no height shows a lane.
+    `height_log_std` is the standard deviation of the logarithm of its height; 0 if the
+    height is known. Errors are those of `find_lane`.
     """
-    # of the logarithm of the height, in standard deviations
+    # heights at the mean of the prior and a standard deviation of their logarithm aside
     steps = np.array([0.0, -1.0, 1.0] if height_log_std else [0.0])
-    log_prior, factors = -0.5 * steps**2, np.exp(steps * height_log_std)
-    found = search_at_heights(image, camera, camera.require_pose().height_m * factors, settings, markings=markings)
+    log_prior = -0.5 * steps**2
+    heights_m = camera.require_pose().height_m * np.exp(steps * height_log_std)
+    found = search_at_heights(image, camera, heights_m, settings, markings=markings)
     shown = [k for k, detection in enumerate(found) if detection.lane]
-    lanes = [detection.lane for detection in found if detection.lane]
     if not shown:
         return found[0]
+
+    # posterior probability of each height that shows a lane
+    lanes = [detection.lane for detection in found if detection.lane]
     log_posterior = log_prior[shown] + [lane.log_odds for lane in lanes]
     probability = np.exp(log_posterior - log_posterior.max())
-    # from the road 60 m ahead down to the lower border of the image
-    top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
-    rows = np.linspace(top, 0.98 * camera.height, 25)
-    columns = [lane.columns(found[k].camera, rows) for k, lane in zip(shown, lanes, strict=True)]
+
+    # the lane that is most probable over all heights, and the best height that shows it
+    rows = _compared_rows(camera)
+    columns = []
+    for k, lane in zip(shown, lanes, strict=True):
+        columns.append(lane.columns(found[k].camera, rows))
     same = _same_lane(np.array(columns), camera)
-    of_lane = np.flatnonzero(same[(same @ probability).argmax()])
+    most_probable = (same @ probability).argmax()
+    of_lane = np.flatnonzero(same[most_probable])
     best = of_lane[probability[of_lane].argmax()]
+
     prior = np.exp(log_prior)
     share = float(same[best] @ prior[shown] / prior.sum())
-    return replace(found[shown[best]], lane=replace(lanes[best], same_lane_share=share))
+    lane = replace(lanes[best], same_lane_share=share)
+    return replace(found[shown[best]], lane=lane)
+
+
+def _compared_rows(camera: Camera) -> np.ndarray:
+    """Rows (25,) of the image, from the road 60 m ahead down to the lower border."""
+    top = camera.road_to_pixels(np.array([[60.0, 0.0]]))[0, 1]
+    return np.linspace(top, 0.98 * camera.height, 25)
 
 
 def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
-    """(N, N) bool: which of the lanes with these columns (N, 2, rows) are the same in the image; symmetric.
+    """(N, N) bool: which of the lanes with these columns (N, 2, rows) are the same.
 
-    Both lines are within 2 % of the image's width in four of five rows. Every lane is the same as itself, also if it is
-    seen in too few rows to be compared.
+    They are the same in the image if both lines are within 2 % of the image's width in
+    four of five rows. Every lane is the same as itself, also if it is seen in too few
+    rows to be compared.
     """
-    first, second = columns[:, None], columns[None]
+    first = columns[:, None]
+    second = columns[None]
     common = (first >= 0) & (second >= 0)
     near = common & (np.abs(first - second) < 0.02 * camera.width)
     count = common.sum(axis=-1)
@@ -489,4 +693,6 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 @lru_cache(maxsize=4)
 def _view_of(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
     """The bird's-eye view, cached: making it takes half as long as a detection in it."""
-    return BirdsEyeView.from_image_border(camera, settings.near_m, half_width_m=settings.half_width_m)
+    return BirdsEyeView.from_image_border(
+        camera, settings.near_m, half_width_m=settings.half_width_m
+    )

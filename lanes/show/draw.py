@@ -19,7 +19,7 @@ from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
-from lanes.detect.evidence import PAINT, Evidence, find_evidence
+from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.lane import Lane, project_lines, telemetry_row, visible_part
 from lanes.detect.road import SIDES, lines_on_view
 from lanes.tracking.tracker import LaneTracker
@@ -269,7 +269,7 @@ def _mosaic(
         evidence = find_evidence(image, view, quick=True)
     view = evidence.view
     # paint in good condition has four times the smallest strength of a stripe
-    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * PAINT.min_strength))
+    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * evidence.settings.min_strength))
     panels = {
         "bird's-eye view": view.blacken(evidence.view_image)[:, _shown(view)],
         "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, _shown(view)],

@@ -18,7 +18,7 @@ from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_bend
 from lanes.detect.birdseye import lightness
 from lanes.detect.confidence import LIKELY_CONFIDENCE, USUAL_WIDTH_M, WIDTH_STD_M, log_odds_losses
-from lanes.detect.evidence import PAINT, Evidence, strength_weight
+from lanes.detect.evidence import Evidence, strength_weight
 from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
@@ -251,12 +251,12 @@ def _check_birdseye(evidence: Evidence) -> Step:
 
 def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
     """Check that the marking response is large enough anywhere."""
-    strength, minimum = evidence.response.strength[evidence.view.seen], PAINT.min_strength
+    strength, minimum = evidence.response.strength[evidence.view.seen], evidence.settings.min_strength
     best, share = strength.max(initial=0), (strength > minimum).mean()
     summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
     failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
     if "network" in evidence.sources:
-        best_p, minimum_p = strength_weight(np.array([best, minimum]))
+        best_p, minimum_p = strength_weight(np.array([best, minimum]), evidence.settings)
         summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
         failure = f"no paint is found with a probability above {minimum_p:.0%}."
     advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
@@ -265,7 +265,7 @@ def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
 
 def _check_stripes(evidence: Evidence, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search starts."""
-    count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes)), FIT.start[-1][0]
+    count, near, near_m = len(evidence.stripes), len(near_stripes(evidence.stripes, FIT)), FIT.start[-1][0]
     summary = f"{count} candidates, {near} of them within {near_m} m"
     failure = "" if near else f"no stripe is nearer than {near_m} m, where the search starts."
     advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "

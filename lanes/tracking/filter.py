@@ -28,7 +28,7 @@ import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import Stripes
-from lanes.detect.fit import Fit, FitSettings, fit_lanes
+from lanes.detect.fit import Fit, FitSettings, fit_lanes, fit_near_prediction, predicted_prior
 from lanes.detect.lane import CarMotion
 from lanes.detect.road import (
     ADJACENT,
@@ -294,8 +294,9 @@ def measure(stripes: Stripes, predicted: State, view: BirdsEyeView, settings: Fi
     fitted outwards from the car, as in a search: what begins ahead (a bend, a crest) leaves the prediction by more than
     any standard deviation.
     """
-    start, prior = predicted.lane[None], (predicted.lane, predicted.lane_covariance)
-    near = fit_lanes(start, stripes, view, settings, schedule=settings.extend[-2:], prior=prior, linear=True)
+    start = predicted.lane[None]
+    prior = predicted_prior(predicted.lane, predicted.lane_covariance, settings)
+    near = fit_near_prediction(start, stripes, view, settings, schedule=settings.extend[-2:], prior=prior)
     if not near.unexplained[0]:
         return near
     outwards = fit_lanes(start, stripes, view, settings, schedule=settings.outwards, prior=prior)

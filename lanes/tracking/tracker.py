@@ -379,7 +379,7 @@ class LaneTracker:
         """The lane with the numbers of the estimate; double lines are bounded by their inner stripes."""
         left, right = lane.evidence
         # single lines are not shifted: the filter estimates their centres better than one profile does
-        model = estimate.lane + inner_stripe_shift([left.double_profile, right.double_profile])
+        model = estimate.lane + inner_stripe_shift(left.double_profile, right.double_profile)
         motion = car_motion(estimate, self.settings.filter)
         departure = watch.update(model, motion, self.camera, elapsed_s)
         described = replace(

@@ -8,7 +8,8 @@ import pytest
 from lanes.camera.model import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, Stripes, strength_weight
-from lanes.detect.fit import fit_lanes, fit_starts, flatten, intersect_ground, stripe_residuals
+from lanes.detect.fit import FIT, fit_lanes, fit_starts, predicted_prior
+from lanes.detect.residuals import flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
     CENTRE,
     FAR_LINE,
@@ -35,9 +36,19 @@ PRIOR = RoadPrior()
 def stripes_at(x_m, y_m, angle, strength=30.0):
     """Stripes (N,) of these places, directions and strengths, as certain as those of the evidence."""
     number, columns = len(x_m), x_m * VIEW.growth / (1 + VIEW.growth) / VIEW.cell_m
-    weight, edge = strength_weight(np.full(number, strength)), np.zeros(number, bool)
-    std_m, angle_std_rad = np.hypot(PAINT.position_std_m, x_m / FOCAL_PX), np.full(number, PAINT.angle_std_rad)
-    return Stripes(np.zeros(number, int), x_m, y_m, angle, columns, weight, std_m, angle_std_rad, edge, ~edge)
+    return Stripes(
+        row=np.zeros(number, int),
+        x_m=x_m,
+        y_m=y_m,
+        angle=angle,
+        step=columns,
+        weight=strength_weight(np.full(number, strength), PAINT),
+        std_m=np.hypot(PAINT.position_std_m, x_m / FOCAL_PX),
+        angle_std_rad=np.full(number, PAINT.angle_std_rad),
+        edge=np.zeros(number, bool),
+        full_weight=np.ones(number),
+        measurable=np.ones(number, bool),
+    )
 
 
 def stripes_on(lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, seed=0):
@@ -108,7 +119,9 @@ def test_derivatives_agree_with_differences(curvature):
         assert np.median(np.abs(derivative - difference)[large] / np.abs(difference[large])) < 0.01
 
 
-@pytest.mark.parametrize("prior", [None, (ROADS["left bend"], np.diag(PRIOR.std**2))], ids=["road", "prediction"])
+@pytest.mark.parametrize(
+    "prior", [None, predicted_prior(ROADS["left bend"], np.diag(PRIOR.std**2), FIT)], ids=["road", "prediction"]
+)
 def test_uncertainty_covers_the_error(prior):
     """Never surer than right, and not ten times too careful; with a prediction twice as careful."""
     road = ROADS["left bend"]
@@ -126,7 +139,7 @@ def test_a_prediction_counts_as_much_as_it_is_certain(certainty, moved_m):
     """The stripes lie 10 cm to the left of the predicted lines."""
     road = ROADS["left bend"]
     stripes, covariance = stripes_on(road + a_lane(centre=0.1, width=0.0)), np.diag((certainty * PRIOR.std) ** 2)
-    fit = fit_lanes(road[None], stripes, VIEW, prior=(road, covariance))
+    fit = fit_lanes(road[None], stripes, VIEW, prior=predicted_prior(road, covariance, FIT))
     assert fit.lanes[0, CENTRE] - road[CENTRE] == pytest.approx(moved_m, abs=0.02)
 
 

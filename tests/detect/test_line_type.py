@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import find_stripes, marking_response
+from lanes.detect.evidence import PAINT, find_stripes, marking_response
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, marking_profile
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
@@ -42,7 +42,7 @@ def paint_in(image, y=1.7, side=1, *, light="white"):
     response = marking_response(view.warp(image), view)
     line_y_m, stripes = y + np.zeros(len(view.x_m)), find_stripes(response, view)
     on_line = np.abs(stripes.y_m - line_y_m[stripes.row]) < 0.2
-    return marking_profile(response, view, line_y_m, stripes.row[on_line], side)
+    return marking_profile(response, view, line_y_m, stripes.row[on_line], side, PAINT)
 
 
 def kind_of(*profiles):
