@@ -1,9 +1,11 @@
 """Confidence: the probability that a lane is correct.
 
-A lane is correct if both lines lie within 0.2 m of the true ones, as the root mean square over 5, 10, 15, 20 and 30 m
-ahead. Where the camera pose was estimated from the same image, metres are uncertain; there a lane is correct if both
-lines are right in the image. The probability is a logistic regression on a few features of the lane.
-`tools/fit_confidence.py` fits it on labelled real roads of many cameras, and on images without a road.
+A lane is correct if both lines lie within 0.2 m of the true ones, as the root mean
+square over 5, 10, 15, 20 and 30 m ahead. Where the camera pose was estimated from the
+same image, metres are uncertain; there a lane is correct if both lines are right in the
+image. The probability is a logistic regression on a few features of the lane.
+`tools/fit_confidence.py` fits it on labelled real roads of many cameras, and on images
+without a road.
 """
 
 from __future__ import annotations
@@ -12,13 +14,24 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from lanes.detect.road import HEADING, WIDTH, lateral_std_m, max_curvature, max_vertical_curvature
+from lanes.detect.road import (
+    HEADING,
+    WIDTH,
+    lateral_std_m,
+    max_curvature,
+    max_vertical_curvature,
+)
 
-CORRECT_WITHIN_M, CORRECT_AT_M = 0.2, np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-# A lane with less confidence than the first is shown as no lane, with less than the second it is called uncertain; one
-# with the third counts as sure.
-LEAST_CONFIDENCE, LIKELY_CONFIDENCE, SURE_CONFIDENCE = 0.15, 0.5, 0.9
-# Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant, and those of the features.
+CORRECT_WITHIN_M = 0.2
+CORRECT_AT_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
+# A lane with less confidence is shown as no lane.
+LEAST_CONFIDENCE = 0.15
+# One with less is called uncertain.
+LIKELY_CONFIDENCE = 0.5
+# One with this confidence counts as sure.
+SURE_CONFIDENCE = 0.9
+# Weights of the logistic regression, fitted by `tools.fit_confidence`: the constant,
+# and those of the features.
 WEIGHTS = {
     "constant": -0.74,
     "near std": -2.73,
@@ -29,11 +42,17 @@ WEIGHTS = {
     "odd heading": -3.0,
     "weaker line": 1.32,
 }
-# Limits of features: the lines of a floor of tiles are as certain as those of a road. A line has paint on at least a
-# few rows; with more than those of a good dashed line it is no more certain.
-MIN_NEAR_STD_M, MIN_SUPPORT, GOOD_SUPPORT = 0.1, 0.03, 0.4
-# Usual width of lanes, and its standard deviation; that of a lane with its own pose, whose height is uncertain, too.
-USUAL_WIDTH_M, WIDTH_STD_M, OWN_POSE_WIDTH_STD_M = 3.5, 0.3, 0.9
+# Limits of features. The lines of a floor of tiles are as certain as those of a road.
+MIN_NEAR_STD_M = 0.1
+# A line has paint on at least a few rows; with more than those of a good dashed line it
+# is no more certain.
+MIN_SUPPORT = 0.03
+GOOD_SUPPORT = 0.4
+# Usual width of lanes, and its standard deviation; that of a lane with its own pose,
+# whose height is uncertain, too.
+USUAL_WIDTH_M = 3.5
+WIDTH_STD_M = 0.3
+OWN_POSE_WIDTH_STD_M = 0.9
 
 
 def lane_features(
@@ -47,34 +66,47 @@ def lane_features(
     far_lines: int,
     camera_yaw_rad: float | None,
 ) -> dict[str, float]:
-    """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits carry no further information.
+    """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits
+    carry no further information.
 
-    `supports` are those of both lines, `far_lines` the number of far lines seen; the rest is that of a `Lane`.
+    `supports` are those of both lines, `far_lines` the number of far lines seen; the
+    rest is that of a `Lane`.
     """
-    width_std_m = WIDTH_STD_M if same_lane_share is None else OWN_POSE_WIDTH_STD_M
+    has_own_pose = same_lane_share is not None
+    width_std_m = OWN_POSE_WIDTH_STD_M if has_own_pose else WIDTH_STD_M
+    from_usual = (float(model[WIDTH]) - USUAL_WIDTH_M) / width_std_m
     near_std_m = float(lateral_std_m(fit_covariance, 15.0).max())
-    # The heading, beyond that of a car in a bend, and the yaw of the camera relative to its pose are large if the yaw
-    # of the pose is wrong. In a bend the heading lags by the distance from the rear axle (2 m), at most.
-    heading = _excess(abs(float(model[HEADING])) - 2.0 * abs(curvature_per_m), 0.02)
+    support = min(*supports, GOOD_SUPPORT)
+
+    # The heading, beyond that of a car in a bend, and the yaw of the camera relative to
+    # its pose are large if the yaw of the pose is wrong. In a bend the heading lags by
+    # the distance from the rear axle (2 m), at most.
+    in_bend = 2.0 * abs(curvature_per_m)
+    heading = _excess(abs(float(model[HEADING])) - in_bend, 0.02)
     yaw = 0.0 if camera_yaw_rad is None else _excess(abs(camera_yaw_rad), 0.01)
     return {
         "constant": 1.0,
-        # Standard deviation (metres) of the less certain line 15 m ahead, for the noise that the fit assumes; that of
-        # the errors (`Lane.covariance`) separates right and wrong lanes less well. The borders of a room's floor end
-        # before.
+        # Standard deviation (metres) of the less certain line 15 m ahead, for the noise
+        # that the fit assumes; that of the errors (`Lane.covariance`) separates right
+        # and wrong lanes less well. The borders of a room's floor end before.
         "near std": float(np.log(max(near_std_m, MIN_NEAR_STD_M))),
-        # Tiles and bricks have lines between those of the lane; so have two lanes that are taken for one.
+        # Tiles and bricks have lines between those of the lane; so have two lanes that
+        # are taken for one.
         "between": float(np.log(clear_share)),
-        # A crack or kerb taken for a line is seldom a lane's width away from the other line.
-        "odd width": ((float(model[WIDTH]) - USUAL_WIDTH_M) / width_std_m) ** 2,
-        # Share of the camera poses tried that do not show this lane: the image allows several.
+        # A crack or kerb taken for a line is seldom a lane's width away from the other
+        # line.
+        "odd width": from_usual**2,
+        # Share of the camera poses tried that do not show this lane: the image allows
+        # several.
         "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,
-        # Far lines of adjacent lanes that are seen: at the right height of the camera they are a lane's width away.
-        # They add nothing for a pose that other images show, too.
-        "far lines": 0.0 if same_lane_share is None else float(far_lines),
+        # Far lines of adjacent lanes that are seen: at the right height of the camera
+        # they are a lane's width away. They add nothing for a pose that other images
+        # show, too.
+        "far lines": float(far_lines) if has_own_pose else 0.0,
         "odd heading": max(heading, yaw),
-        # Support of the line with less paint: most wrong lanes have one line that is seen and one that is a guess.
-        "weaker line": float(np.log(MIN_SUPPORT + min(*supports, GOOD_SUPPORT))),
+        # Support of the line with less paint: most wrong lanes have one line that is
+        # seen and one that is a guess.
+        "weaker line": float(np.log(MIN_SUPPORT + support)),
     }
 
 
@@ -84,21 +116,36 @@ def _excess(angle_rad: float, usual_rad: float) -> float:
 
 
 def log_odds_losses(features: Mapping[str, float]) -> dict[str, float]:
-    """Loss of log odds by feature, relative to the best possible value; the largest is the weakest evidence."""
-    best = {"near std": float(np.log(MIN_NEAR_STD_M)), "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT))}
-    losses = {name: WEIGHTS[name] * (best.get(name, 0.0) - value) for name, value in features.items()}
-    return {name: loss for name, loss in losses.items() if name != "constant"}
+    """Loss of log odds by feature, relative to the best possible value.
+
+    The largest is the weakest evidence.
+    """
+    best = {
+        "near std": float(np.log(MIN_NEAR_STD_M)),
+        "weaker line": float(np.log(MIN_SUPPORT + GOOD_SUPPORT)),
+    }
+    losses = {}
+    for name, value in features.items():
+        if name != "constant":
+            losses[name] = WEIGHTS[name] * (best.get(name, 0.0) - value)
+    return losses
 
 
-# Variance of the errors relative to the variance that a fit or the filter assumes: a constant, and its growth with the
-# largest curvature and the largest vertical curvature in view (1/m); tracked, and in a single image. Fit and filter
-# assume more noise than most roads have, so that worn paint and hairpins do not surprise them. Fitted on variants 2 and
-# 7 of the rendered suite. On labelled real images the usual error is 0.8 standard deviations, but a few wrong lines
-# make the RMS 2.
-TRACKED_ERRORS, STILL_ERRORS = (0.05, 75.0, 100.0), (0.5, 40.0, 0.0)
+# Variance of the errors relative to the variance that a fit or the filter assumes: a
+# constant, and its growth with the largest curvature and the largest vertical curvature
+# in view (1/m); tracked, and in a single image. Fit and filter assume more noise than
+# most roads have, so that worn paint and hairpins do not surprise them. Fitted on
+# variants 2 and 7 of the rendered suite. On labelled real images the usual error is 0.8
+# standard deviations, but a few wrong lines make the RMS 2.
+TRACKED_ERRORS = (0.05, 75.0, 100.0)
+STILL_ERRORS = (0.5, 40.0, 0.0)
 
 
 def error_variance_factor(lane: np.ndarray, *, tracked: bool) -> float:
-    """Variance of the errors of a lane (15,), relative to the variance that its fit or the filter assumes."""
-    constant, by_curvature, by_vertical = TRACKED_ERRORS if tracked else STILL_ERRORS
-    return constant + by_curvature * max_curvature(lane) + by_vertical * max_vertical_curvature(lane)
+    """Variance of the errors of a lane (15,), relative to the variance that its fit or
+    the filter assumes.
+    """
+    errors = TRACKED_ERRORS if tracked else STILL_ERRORS
+    constant, by_curvature, by_vertical = errors
+    of_curvature = by_curvature * max_curvature(lane)
+    return constant + of_curvature + by_vertical * max_vertical_curvature(lane)
