@@ -9,14 +9,26 @@ from functools import cached_property
 import numpy as np
 
 from lanes.camera.model import Camera
-from lanes.describe import describe_bend, describe_heading, describe_offset, describe_std
-from lanes.detect.confidence import LIKELY_CONFIDENCE, WEIGHTS, error_variance_factor, lane_features
+from lanes.describe import (
+    describe_bend,
+    describe_heading,
+    describe_offset,
+    describe_std,
+)
+from lanes.detect.confidence import (
+    LIKELY_CONFIDENCE,
+    WEIGHTS,
+    error_variance_factor,
+    lane_features,
+)
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, TypeVotes
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
     HEADING,
+    LEFT_SIDE,
     PITCH,
+    RIGHT_SIDE,
     SIDES,
     VERTICAL_CURVATURE,
     WIDTH,
@@ -31,21 +43,62 @@ from lanes.detect.road import (
 )
 from lanes.errors import ByValue
 
-# States of a lane: detected in a single image; tracked, but not yet confirmed; tracked; predicted while not seen.
-FOUND, SEARCHING, TRACKING, COASTING = "found", "searching", "tracking", "coasting"
-# Kind of a line without paint.
-ROAD_EDGE = "road edge"
+# States of a lane: detected in a single image; tracked, but not yet confirmed; tracked;
+# predicted while not seen.
+FOUND = "found"
+SEARCHING = "searching"
+TRACKING = "tracking"
+COASTING = "coasting"
+# Columns of the telemetry of a lane, in order.
+TELEMETRY_COLUMNS = (
+    "state",
+    "confidence",
+    "offset_m",
+    "offset_std_m",
+    "heading_rad",
+    "curvature_per_m",
+    "curvature_std_per_m",
+    "lane_width_m",
+    "pitch_rad",
+    "camera_yaw_rad",
+    "left_c0_m",
+    "left_c1",
+    "left_c2_per_m",
+    "left_c3_per_m2",
+    "left_kind",
+    "left_colour",
+    "left_double",
+    "right_c0_m",
+    "right_c1",
+    "right_c2_per_m",
+    "right_c3_per_m2",
+    "right_kind",
+    "right_colour",
+    "right_double",
+    "far_left_c0_m",
+    "far_right_c0_m",
+    "departure",
+    "pose_height_m",
+    "pose_pitch_rad",
+    "pose_yaw_rad",
+    "pose_roll_rad",
+)
 # In the telemetry: no lane is known.
 LOST = "lost"
+# Kind of a line without paint.
+ROAD_EDGE = "road edge"
 # The numbers of a camera pose in the telemetry, after "pose_".
 POSE_NAMES = ("height_m", "pitch_rad", "yaw_rad", "roll_rad")
 # Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(1.5, 400.0, 130)
-# A speed with a larger standard deviation is not stated. It is a third of the speed where the lane does not show it.
+# A speed with a larger standard deviation is not stated. It is a third of the speed
+# where the lane does not show it.
 MAX_SPEED_STD_SHARE = 0.15
-# Columns that a line may pass from row to row. Where it passes more, two rows of pitch motion move it by more than the
-# 20 pixels that TuSimple's score allows.
+# Columns that a line may pass from row to row. Where it passes more, two rows of pitch
+# motion move it by more than the 20 pixels that TuSimple's score allows.
 MAX_COLUMNS_PER_ROW = 10.0
+# Column of a line in a row where it does not pass (TuSimple's format).
+NO_COLUMN = -2.0
 
 
 @dataclass(frozen=True)
@@ -70,8 +123,8 @@ class LineEvidence:
     seen: bool = False
     reach_m: float = 0.0
     edge: bool = False
-    # Number of visible rows, None if not counted yet; latest cross-section; votes on the type. The tracker carries them
-    # on from frame to frame.
+    # Number of visible rows, None if not counted yet; latest cross-section; votes on
+    # the type. The tracker carries them on from frame to frame.
     rows: int | None = None
     profile: MarkingProfile | None = None
     votes: TypeVotes = NO_VOTES
@@ -84,21 +137,31 @@ class LineEvidence:
 
     @property
     def double(self) -> bool | None:
-        """Whether the line has two stripes side by side; None if not seen well enough, and of an edge of the road."""
+        """Whether the line has two stripes side by side; None if not seen well enough,
+        and of an edge of the road.
+        """
         return None if self.edge else self.votes.double
 
     @property
     def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough, and of an edge of the road."""
+        """ "white" or "yellow"; None if not seen well enough, and of an edge of the
+        road.
+        """
         return None if self.edge else self.votes.colour
 
     @property
     def double_profile(self) -> MarkingProfile | None:
-        """The profile of a double line; None if the line is single, by its profile or by the votes."""
-        return self.profile if self.profile and self.profile.double and self.votes.double else None
+        """The profile of a double line; None if the line is single.
+
+        It is single by its profile or by the votes.
+        """
+        if self.profile is None or not self.profile.double or not self.votes.double:
+            return None
+        return self.profile
 
 
-# Of the far lines of the adjacent lanes to the left and right; None for a line that is not seen.
+# Of the far lines of the adjacent lanes to the left and right; None for a line that is
+# not seen.
 FarEvidence = tuple[LineEvidence | None, LineEvidence | None]
 
 
@@ -120,7 +183,9 @@ class Line(ByValue, LineEvidence):
 
     @cached_property
     def coefficients(self) -> tuple[float, float, float, float]:
-        """(c0, c1, c2, c3) of the Taylor series y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6 at the car, metres."""
+        """(c0, c1, c2, c3) of the Taylor series y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6
+        at the car, metres.
+        """
         return line_coefficients(self.model, self.side)
 
     @property
@@ -131,82 +196,111 @@ class Line(ByValue, LineEvidence):
     @property
     def offset_std_m(self) -> float:
         """Standard deviation of `offset_m`."""
-        return float(lateral_std_m(self.covariance, 0.0)[0 if self.side > 0 else 1])
+        left_m, right_m = lateral_std_m(self.covariance, 0.0).tolist()
+        return left_m if self.side > 0 else right_m
 
     def y(self, x_m: float | np.ndarray) -> np.ndarray:
-        """Lateral positions (...) at distances x (...) ahead, metres; NaN where the line has turned back."""
+        """Lateral positions (...) at distances x (...) ahead, metres.
+
+        NaN where the line has turned back.
+        """
         x = np.asarray(x_m, float)
         return line_y(x.ravel(), self.model, self.side).reshape(x.shape)
 
     def std_m(self, x_m: float | np.ndarray) -> np.ndarray:
-        """Standard deviations (...) of `y` at distances x (...) ahead, metres; NaN where the line has turned back."""
+        """Standard deviations (...) of `y` at distances x (...) ahead, metres.
+
+        NaN where the line has turned back.
+        """
         x = np.asarray(x_m, float)
-        return propagated_std(line_y_gradients(x.ravel(), self.model, self.side), self.covariance).reshape(x.shape)
+        gradients = line_y_gradients(x.ravel(), self.model, self.side)
+        return propagated_std(gradients, self.covariance).reshape(x.shape)
 
     def pixels(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> np.ndarray:
         """Raw pixels (N, 2) of the line at arc lengths `along_m`, ascending.
 
-        They end where the line turns back, dips behind a crest or leaves the lens; at least two points or none.
+        They end where the line turns back, dips behind a crest or leaves the lens; at
+        least two points or none.
         """
-        return visible_part(project_lines(self.model, np.array([self.side]), camera, along_m)[0])
+        (pixels,) = project_lines(self.model, np.array([self.side]), camera, along_m)
+        return visible_part(pixels)
 
     def seen_pixels(self, camera: Camera) -> np.ndarray:
         """`pixels` as far as markings are seen on the line, up to `reach_m`."""
-        return self.pixels(camera, along_m=np.geomspace(OUTLINE_M[0], max(self.reach_m, OUTLINE_M[0]), 40))
+        begin_m = OUTLINE_M[0]
+        along_m = np.geomspace(begin_m, max(self.reach_m, begin_m), 40)
+        return self.pixels(camera, along_m=along_m)
 
     def describe(self) -> str:
         """Words: lateral position at the car, type, and the evidence."""
         side = "left" if self.offset_m > 0 else "right"
-        beside = f"{abs(self.offset_m):.2f} ± {describe_std(self.offset_std_m)} m {side}"
+        std = describe_std(self.offset_std_m)
+        beside = f"{abs(self.offset_m):.2f} ± {std} m {side}"
         if not self.seen:
             return f"{beside}, inferred from other lines"
-        paint = f"paint on {min(self.support, 1):.0%} of its rows, up to {self.reach_m:.0f} m"
-        return ", ".join(filter(None, [beside, self.describe_type(), paint]))
+        share = min(self.support, 1)
+        paint = f"paint on {share:.0%} of its rows, up to {self.reach_m:.0f} m"
+        kind = self.describe_type()
+        return f"{beside}, {kind}, {paint}" if kind else f"{beside}, {paint}"
 
     def __repr__(self) -> str:
         return f"Line({'left' if self.side > 0 else 'right'}, {self.describe()})"
 
     def describe_type(self) -> str:
         """Words such as "yellow double solid"; empty if not seen well enough."""
-        return " ".join(filter(None, [self.colour, "double" if self.double else None, self.kind]))
+        words = [self.colour, "double" if self.double else None, self.kind]
+        return " ".join(word for word in words if word)
 
 
 @dataclass(frozen=True)
 class CarMotion:
-    """Motion of the car: speed, curvature of the path (positive left), and course relative to the camera pose."""
+    """Motion of the car: speed, curvature of the path (positive left), and course
+    relative to the camera pose.
+    """
 
     speed_mps: float
     path_per_m: float
     course_rad: float
-    # Standard deviations of the lane's curvature relative to the path, and of its heading relative to the course.
+    # Standard deviations of the lane's curvature relative to the path, and of its
+    # heading relative to the course.
     turning_std_per_m: float
     course_std_rad: float
     speed_std_mps: float
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the speed is certain enough to be stated."""
+        return self.speed_std_mps <= MAX_SPEED_STD_SHARE * self.speed_mps
 
 
 @dataclass(frozen=True)
 class Departure:
     """Distance and time of the car to the lines."""
 
-    # Distance from the tyres to the centre of the left and of the right line, beside the car; < 0 beyond it.
+    # Distance from the tyres to the centre of the left and of the right line, beside
+    # the car; < 0 beyond it.
     left_m: float
     right_m: float
     # Lateral speed, positive left.
     drift_mps: float
     # The line that the car approaches: "left", "right" or None.
     side: str | None
-    # Time until the tyres are on that line if car and road continue as now; 0 while they cross it. Infinite in lane
-    # keeping, or if it is more than 20 s.
+    # Time until the tyres are on that line if car and road continue as now; 0 while
+    # they cross it. Infinite in lane keeping, or if it is more than 20 s.
     time_to_crossing_s: float
-    # Whether to warn: a crossing is near with certainty, or happening; never for an uncertain lane.
+    # Whether to warn: a crossing is near with certainty, or happening; never for an
+    # uncertain lane.
     due: bool
 
     def describe(self) -> str | None:
         """Words for the image; None if no warning is due."""
         if not self.due:
             return None
-        crossing = "crossing" if self.time_to_crossing_s == 0 else f"{self.time_to_crossing_s:.1f} s to"
-        return f"lane departure: {crossing} the {self.side} line"
+        if self.time_to_crossing_s == 0:
+            return f"lane departure: crossing the {self.side} line"
+        return (
+            f"lane departure: {self.time_to_crossing_s:.1f} s to the {self.side} line"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -272,11 +366,13 @@ class Lane(ByValue):
     @cached_property
     def covariance(self) -> np.ndarray:
         """(15, 15) covariance of the errors of the parameters, given the camera pose."""
-        return error_variance_factor(self.model, tracked=self.tracked) * self.fit_covariance
+        factor = error_variance_factor(self.model, tracked=self.tracked)
+        return factor * self.fit_covariance
 
     @cached_property
     def features(self) -> dict[str, float]:
         """What the confidence depends on, by name; see `lanes.detect.confidence`."""
+        far_seen = [far for far in self.far_evidence if far is not None]
         return lane_features(
             self.model,
             self.fit_covariance,
@@ -284,15 +380,21 @@ class Lane(ByValue):
             [line.support for line in self.evidence],
             clear_share=self.clear_share,
             same_lane_share=self.same_lane_share,
-            far_lines=sum(far is not None for far in self.far_evidence),
+            far_lines=len(far_seen),
             camera_yaw_rad=self.camera_yaw_rad,
         )
 
     @property
     def log_odds_terms(self) -> dict[str, float]:
-        """What contributes to `log_odds`, by name; the constant includes `confidence_shift`."""
-        terms = {name: WEIGHTS[name] * value for name, value in self.features.items()}
-        return terms | {"constant": terms["constant"] + self.confidence_shift}
+        """What contributes to `log_odds`, by name.
+
+        The constant includes `confidence_shift`.
+        """
+        terms = {}
+        for name, value in self.features.items():
+            terms[name] = WEIGHTS[name] * value
+        terms["constant"] += self.confidence_shift
+        return terms
 
     @property
     def log_odds(self) -> float:
@@ -301,7 +403,9 @@ class Lane(ByValue):
 
     @cached_property
     def confidence(self) -> float:
-        """Probability, 0 to 1, that both lines are within 0.2 m of the true ones, 5 to 30 m ahead."""
+        """Probability that both lines are within 0.2 m of the true ones, 5 to 30 m
+        ahead.
+        """
         return float(1 / (1 + np.exp(-self.log_odds)))
 
     @property
@@ -332,7 +436,8 @@ class Lane(ByValue):
     @property
     def curvature_per_m(self) -> float:
         """Curvature of the lane centre at the car; positive for a left bend."""
-        return float(self.model[CURVATURE] / (1 - self.model[CURVATURE] * self.model[CENTRE]))
+        curvature = self.model[CURVATURE]
+        return float(curvature / (1 - curvature * self.model[CENTRE]))
 
     @property
     def curvature_std_per_m(self) -> float:
@@ -365,11 +470,13 @@ class Lane(ByValue):
     @cached_property
     def lines(self) -> tuple[Line, Line]:
         """The left and the right line."""
-        left, right = (
-            Line(side=side, model=self.model, covariance=self.covariance, **vars(evidence))
-            for side, evidence in zip(SIDES, self.evidence, strict=True)
+        left, right = self.evidence
+        return self._line(LEFT_SIDE, left), self._line(RIGHT_SIDE, right)
+
+    def _line(self, side: float, evidence: LineEvidence) -> Line:
+        return Line(
+            side=side, model=self.model, covariance=self.covariance, **vars(evidence)
         )
-        return left, right
 
     @property
     def left(self) -> Line:
@@ -383,54 +490,80 @@ class Lane(ByValue):
 
     @property
     def ends_m(self) -> tuple[float, float]:
-        """Distances of the farthest markings of the left and the right line; an inferred line ends with the other."""
+        """Distances of the farthest markings of the left and the right line.
+
+        An inferred line ends with the other.
+        """
         farthest_m = max(self.left.reach_m, self.right.reach_m)
-        left_m, right_m = (line.reach_m if line.seen else farthest_m for line in self.lines)
+        left_m = self.left.reach_m if self.left.seen else farthest_m
+        right_m = self.right.reach_m if self.right.seen else farthest_m
         return left_m, right_m
 
     @cached_property
     def adjacent(self) -> tuple[Line | None, Line | None]:
-        """The far lines of the adjacent lanes to the left and to the right; None for a line that is not seen.
+        """The far lines of the adjacent lanes to the left and to the right.
 
-        A lane that is uncertain or predicted has none. A tracker sees them in its searches, once a second; in between
-        `reach_m` is the end that was seen last. Type and support are those of one image.
+        None for a line that is not seen. A lane that is uncertain or predicted has
+        none. A tracker sees them in its searches, once a second; in between `reach_m`
+        is the end that was seen last. Type and support are those of one image.
         """
-        stated = self.state != COASTING and self.confidence >= LIKELY_CONFIDENCE
-        left, right = (
-            self._far_line(side, evidence) if stated and evidence else None
-            for side, evidence in zip(SIDES, self.far_evidence, strict=True)
-        )
-        return left, right
+        if self.state == COASTING or self.confidence < LIKELY_CONFIDENCE:
+            return None, None
+        left, right = self.far_evidence
+        return self._far_line(LEFT_SIDE, left), self._far_line(RIGHT_SIDE, right)
 
-    def _far_line(self, side: float, evidence: LineEvidence) -> Line:
+    def _far_line(self, side: float, evidence: LineEvidence | None) -> Line | None:
+        if evidence is None:
+            return None
         # from the centres of double lines, as they were fitted
-        to_adjacent = adjacent_lane_matrix(side)
-        covariance = to_adjacent @ self.covariance @ to_adjacent.T
-        return Line(side=side, model=to_adjacent @ self.centres, covariance=covariance, **vars(evidence))
+        A = adjacent_lane_matrix(side)
+        covariance = A @ self.covariance @ A.T
+        return Line(
+            side=side, model=A @ self.centres, covariance=covariance, **vars(evidence)
+        )
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
-        """Lateral positions (2, N) of the left and right line at distances (N,), metres; as `Line.y`."""
+        """Lateral positions (2, N) of both lines at distances (N,), metres; as
+        `Line.y`.
+
+        Left line first.
+        """
         return np.array([line.y(x_m) for line in self.lines])
 
     def lateral_std_m(self, x_m: np.ndarray) -> np.ndarray:
         """Standard deviations (2, N) of `lateral_m`, metres."""
         return np.array([line.std_m(x_m) for line in self.lines])
 
-    def outlines(self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M) -> list[np.ndarray]:
+    def outlines(
+        self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M
+    ) -> list[np.ndarray]:
         """`Line.pixels` of the left and of the right line."""
-        return [visible_part(line) for line in project_lines(self.model, SIDES, camera, along_m)]
+        return [
+            visible_part(line)
+            for line in project_lines(self.model, SIDES, camera, along_m)
+        ]
 
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
-        """Columns (2, rows) of the left and the right line at rows of the raw image; -2 where they do not pass."""
+        """Columns (2, rows) of the left and the right line at rows of the raw image; -2
+        where they do not pass.
+        """
         return columns_at(rows, self.outlines(camera), camera)
 
     def describe_bend(self) -> str:
-        """The bend in words, with regard to its standard deviation; see `lanes.describe.describe_bend`."""
+        """The bend in words, with regard to its standard deviation; see
+        `lanes.describe.describe_bend`.
+        """
         return describe_bend(self.curvature_per_m, self.curvature_std_per_m)
 
     def summary(self) -> dict[str, str]:
-        """State, confidence, offset, bend, heading, width, lines, speed and warning in words, by name."""
-        per_km = f"{1e3 * self.curvature_per_m:.2f} ± {1e3 * self.curvature_std_per_m:.2f} per km"
+        """The lane in words, by name.
+
+        The names are state, confidence, offset, bend, heading, width, left line, right
+        line, and, if they are known, speed and warning.
+        """
+        curvature_per_km = 1e3 * self.curvature_per_m
+        std_per_km = 1e3 * self.curvature_std_per_m
+        per_km = f"{curvature_per_km:.2f} ± {std_per_km:.2f} per km"
         words = {
             "state": self.state,
             "confidence": f"{self.confidence:.0%}",
@@ -441,9 +574,10 @@ class Lane(ByValue):
             "left line": self.left.describe(),
             "right line": self.right.describe(),
         }
-        if self.motion and self.motion.speed_std_mps <= MAX_SPEED_STD_SHARE * self.motion.speed_mps:
+        if self.motion and self.motion.is_known:
             words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
-        if self.departure and (warning := self.departure.describe()):
+        warning = self.departure.describe() if self.departure else None
+        if warning:
             words["warning"] = warning
         return words
 
@@ -453,56 +587,96 @@ class Lane(ByValue):
         return f"Lane({self.state}, confidence {self.confidence:.2f}, {numbers})"
 
 
-def columns_at(rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera) -> np.ndarray:
-    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image; -2 where they do not pass.
+def columns_at(
+    rows: np.ndarray, outlines: Sequence[np.ndarray], camera: Camera
+) -> np.ndarray:
+    """Columns (K, rows) of K outlines, pixels (N, 2) each, at rows of the image.
 
-    A line ends where it runs almost along the rows, see `MAX_COLUMNS_PER_ROW`.
+    They are -2 where an outline does not pass. A line ends where it runs almost along
+    the rows, see `MAX_COLUMNS_PER_ROW`.
     """
-    columns = np.full((len(outlines), len(rows)), -2.0)
-    for column, outline in zip(columns, outlines, strict=True):
+    columns = np.full((len(outlines), len(rows)), NO_COLUMN)
+    for k, outline in enumerate(outlines):
         if len(outline):
-            across, up = np.abs(np.diff(outline, axis=0)).T
-            inside = ((outline[1:] >= 0) & (outline[1:] < camera.size)).all(axis=1)
-            end = int(np.append(inside & (across > MAX_COLUMNS_PER_ROW * up), True).argmax()) + 1
-            column[:] = np.interp(rows, outline[:end][::-1, 1], outline[:end][::-1, 0], left=-2, right=-2)
-    return np.where((columns >= 0) & (columns <= camera.width - 1), columns, -2.0)
+            # rows ascend, as np.interp wants them
+            upwards = outline[: _end_in_rows(outline, camera)][::-1]
+            columns[k] = np.interp(
+                rows, upwards[:, 1], upwards[:, 0], left=NO_COLUMN, right=NO_COLUMN
+            )
+    inside = (columns >= 0) & (columns <= camera.width - 1)
+    return np.where(inside, columns, NO_COLUMN)
+
+
+def _end_in_rows(outline: np.ndarray, camera: Camera) -> int:
+    """Number of points of an outline (N, 2) before it runs almost along the rows."""
+    across, up = np.abs(np.diff(outline, axis=0)).T
+    ends = outline[1:]
+    inside = ((ends >= 0) & (ends < camera.size)).all(axis=1)
+    is_flat = inside & (across > MAX_COLUMNS_PER_ROW * up)
+    return int(np.append(is_flat, True).argmax()) + 1
 
 
 def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     """Telemetry of a frame, by column name; None where the lane is lost."""
-    row: dict[str, str | float | None] = {"state": lane.state if lane else LOST}
-    row["confidence"] = lane.confidence if lane else 0.0
-    numbers = ("offset_m", "offset_std_m", "heading_rad", "curvature_per_m", "curvature_std_per_m")
-    for name in (*numbers, "width_m", "pitch_rad", "camera_yaw_rad"):
-        row["lane_width_m" if name == "width_m" else name] = getattr(lane, name, None)
-    for side in ("left", "right"):
-        line = getattr(lane, side, None)
-        for order, name in enumerate(("c0_m", "c1", "c2_per_m", "c3_per_m2")):
-            row[f"{side}_{name}"] = line.coefficients[order] if line else None
-        for name in ("kind", "colour", "double"):
-            row[f"{side}_{name}"] = getattr(line, name, None)
-    for side, far in zip(("left", "right"), lane.adjacent if lane else (None, None), strict=True):
-        row[f"far_{side}_c0_m"] = far.offset_m if far else None
-    row["departure"] = lane.departure.side if lane and lane.departure and lane.departure.due else None
-    pose = lane.camera.pose if lane and lane.camera else None
-    return row | {f"pose_{name}": getattr(pose, name, None) for name in POSE_NAMES}
+    if lane is None:
+        unknown = dict.fromkeys(TELEMETRY_COLUMNS)
+        return {**unknown, "state": LOST, "confidence": 0.0}
+    row: dict[str, str | float | None] = {
+        "state": lane.state,
+        "confidence": lane.confidence,
+        "offset_m": lane.offset_m,
+        "offset_std_m": lane.offset_std_m,
+        "heading_rad": lane.heading_rad,
+        "curvature_per_m": lane.curvature_per_m,
+        "curvature_std_per_m": lane.curvature_std_per_m,
+        "lane_width_m": lane.width_m,
+        "pitch_rad": lane.pitch_rad,
+        "camera_yaw_rad": lane.camera_yaw_rad,
+    }
+    for side, line in (("left", lane.left), ("right", lane.right)):
+        c0, c1, c2, c3 = line.coefficients
+        row[f"{side}_c0_m"] = c0
+        row[f"{side}_c1"] = c1
+        row[f"{side}_c2_per_m"] = c2
+        row[f"{side}_c3_per_m2"] = c3
+        row[f"{side}_kind"] = line.kind
+        row[f"{side}_colour"] = line.colour
+        row[f"{side}_double"] = line.double
+    far_left, far_right = lane.adjacent
+    row["far_left_c0_m"] = far_left.offset_m if far_left else None
+    row["far_right_c0_m"] = far_right.offset_m if far_right else None
+
+    is_due = lane.departure is not None and lane.departure.due
+    row["departure"] = lane.departure.side if lane.departure and is_due else None
+    pose = lane.camera.pose if lane.camera else None
+    for name in POSE_NAMES:
+        row[f"pose_{name}"] = getattr(pose, name) if pose else None
+    return row
 
 
-def project_lines(model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray) -> np.ndarray:
-    """Raw pixels (S, N, 2) of parallels to the path of a lane (15,) at arc lengths (N,); NaN outside of the lens.
+def project_lines(
+    model: np.ndarray, sides: np.ndarray, camera: Camera, along_m: np.ndarray
+) -> np.ndarray:
+    """Raw pixels (S, N, 2) of parallels to the path of a lane (15,).
 
-    Those of the `sides` (S,) +1 and -1 are the left and the right line; 0 is the middle between them.
+    They are at arc lengths (N,); NaN outside of the lens. Those of the `sides` (S,) +1
+    and -1 are the left and the right line; 0 is the middle between them.
     """
     points = np.empty((len(sides), len(along_m), 3))
     points[..., :2] = line_points(model, sides, along_m)
     points[..., 2] = road_height(model, points[..., 0])
+
     pose = camera.require_pose()
-    pitched = camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + float(model[PITCH])))
-    return pitched.road_to_pixels(points.reshape(-1, 3)).reshape(*points.shape[:2], 2)
+    pitch_rad = pose.pitch_rad + float(model[PITCH])
+    pitched = camera.with_pose(replace(pose, pitch_rad=pitch_rad))
+    pixels = pitched.road_to_pixels(points.reshape(-1, 3))
+    return pixels.reshape(*points.shape[:2], 2)
 
 
 def visible_part(pixels: np.ndarray) -> np.ndarray:
-    """The points (N, 2) of a line, nearest first, while they rise in the image, without NaN at the beginning."""
+    """The points (N, 2) of a line, nearest first, while they rise in the image, without
+    NaN at the beginning.
+    """
     pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
     # the border of a lens shows the beginning of a far line above its continuation
     falls = np.append(pixels[1:, 1] >= pixels[:-1, 1], False)
