@@ -30,7 +30,7 @@ from lanes.explanation import explain, explain_tracked
 from lanes.field_of_view import find_field_of_view, given_field_of_view
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
 from lanes.images import kind_of_file, read_image, write_image
-from lanes.label import describe_proposals, pick_stills, write_proposals
+from lanes.label import describe_proposals, label_file, pick_stills, write_proposals
 from lanes.labels import (
     detect_in_sequence,
     detect_in_stills,
@@ -364,7 +364,9 @@ class Score:
 
         folder = labels_folder(options.labels)
         pictures = [find_picture(folder, label.name) for label in labels]
-        require_no_input_among([options.output], [options.labels, options.predictions, *pictures])
+        label_files = map(label_file, pictures)
+        inputs = [options.labels, options.predictions, *pictures, *label_files]
+        require_no_input_among([options.output], inputs)
 
         scores = score_stills(labels, predictions, pictures, camera)
         tables = score_tables(scores)
@@ -488,7 +490,8 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
     theirs.
     """
     own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
-    others = [path for path in sources.skipped if path not in own]
+    labels = {label_file(still) for still in sources.stills}
+    others = [path for path in sources.skipped if path not in own and path not in labels]
     for what, paths in (("neither a video nor an image", others), ("written by annotate", own)):
         if paths:
             print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)

@@ -461,9 +461,7 @@ def write_score_page(
 def _show_still(score: StillScore, picture: Path) -> _ShownStill:
     there = picture.is_file()
     longer_px = max(score.size)
-    width, height = (
-        max(round(side * _SHOWN_PX / longer_px), 1) for side in score.size
-    )
+    width, height = (max(round(side * _SHOWN_PX / longer_px), 1) for side in score.size)
     image = None
     if there:
         image = cv2.resize(

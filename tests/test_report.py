@@ -51,7 +51,9 @@ def test_shares_count_time_not_frames():
     assert seconds_lost(telemetry) == pytest.approx(1.5)
     # Frames dropped while lost: the gap counts.
     kept = np.r_[0:95, 118:200]
-    assert seconds_lost({name: column[kept] for name, column in telemetry.items()}) == pytest.approx(1.5)
+    assert seconds_lost(
+        {name: column[kept] for name, column in telemetry.items()}
+    ) == pytest.approx(1.5)
     # A confidence of less than 0.15 is no lane, as in the overlay.
     telemetry["confidence"][:40] = np.repeat([0.3, 0.1], 20)
     assert describe_shares(telemetry) == (
@@ -70,21 +72,43 @@ def report(folder: Path, telemetry: dict[str, np.ndarray], **options: object) ->
 
 
 def data_of(page: str) -> dict:
-    return json.loads(re.search(r'<script type="application/json" id="data">(.*)</script>', page)[1])
+    return json.loads(
+        re.search(r'<script type="application/json" id="data">(.*)</script>', page)[1]
+    )
 
 
 def test_the_data_of_the_page_are_those_of_the_table(tmp_path):
     """Its times count from the first frame, those of the command on the clock of the video."""
     page = report(tmp_path, story(), command="explain --at ", warnings=["tilted"])
     data = data_of(page)
-    assert (data["first_s"], data["time_s"][:2], data["command"]) == (100.0, [0.0, 0.05], "explain --at ")
-    assert data["frame"][0] == 2000 and data["offset_m"][90] is None and data["offset_m"][31] > 0.29
-    assert data["left_types"] == [[0, "yellow double solid"], [90, "unknown"], [120, "yellow double solid"]]
+    assert (data["first_s"], data["time_s"][:2], data["command"]) == (
+        100.0,
+        [0.0, 0.05],
+        "explain --at ",
+    )
+    assert (
+        data["frame"][0] == 2000
+        and data["offset_m"][90] is None
+        and data["offset_m"][31] > 0.29
+    )
+    assert data["left_types"] == [
+        [0, "yellow double solid"],
+        [90, "unknown"],
+        [120, "yellow double solid"],
+    ]
     words = [words for number, words in data["offset"] if number <= 31][-1]
     assert words == "0.30 ± 0.02 m left of centre" and data["departure"][20] == "left"
-    assert [data["level"].count(name) for name in ("sure", "likely", "none")] == [167, 3, 30]
-    assert "<li>tilted</li>" in page and re.search(r"200 frames, (9\.9|10\.0) s;.* lost for 1\.5 s in total", page)
-    assert re.search(r"Offset from -0\.\d\d to \+0\.30 m, median confidence 0\.90", page)
+    assert [data["level"].count(name) for name in ("sure", "likely", "none")] == [
+        167,
+        3,
+        30,
+    ]
+    assert "<li>tilted</li>" in page and re.search(
+        r"200 frames, (9\.9|10\.0) s;.* lost for 1\.5 s in total", page
+    )
+    assert re.search(
+        r"Offset from -0\.\d\d to \+0\.30 m, median confidence 0\.90", page
+    )
     assert "the left line is yellow double solid, the right line dashed" in page
 
 
@@ -92,10 +116,19 @@ def test_names_and_settings_are_escaped(tmp_path):
     video = tmp_path / "<img src=x onerror=alert(1)>.mp4"
     video.write_bytes(b"no video, but that is not the report's business")
     nasty = "</script><script>alert(1)</script>{{data}}"
-    page = report(tmp_path, story(), title=nasty, video=video, settings={nasty: nasty}, max_embedded_bytes=0)
+    page = report(
+        tmp_path,
+        story(),
+        title=nasty,
+        video=video,
+        settings={nasty: nasty},
+        max_embedded_bytes=0,
+    )
     assert "<img" not in page and "alert(1)</script>" not in page
     assert page.count("<script") == 3
-    assert page.count("&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;{{data}}") == 4
+    assert (
+        page.count("&lt;/script&gt;&lt;script&gt;alert(1)&lt;/script&gt;{{data}}") == 4
+    )
     assert 'data-link="%3Cimg%20src%3Dx%20onerror%3Dalert%281%29%3E.mp4"' in page
     assert not re.search(r"https?://", page)
 
@@ -103,8 +136,15 @@ def test_names_and_settings_are_escaped(tmp_path):
 def test_report_of_a_drive_without_a_lane(tmp_path):
     """Telemetry of other programs has no types of lines."""
     known = ("frame", "time_s", "state", "confidence")
-    telemetry = {name: column if name in known else np.full(200, np.nan) for name, column in story().items()}
-    telemetry = {name: column for name, column in telemetry.items() if not name.startswith("left_")}
+    telemetry = {
+        name: column if name in known else np.full(200, np.nan)
+        for name, column in story().items()
+    }
+    telemetry = {
+        name: column
+        for name, column in telemetry.items()
+        if not name.startswith("left_")
+    }
     telemetry["state"][:] = "lost"
     page = report(tmp_path, telemetry)
     assert "lost for 10.0 s in total." in page and "nan" not in page.lower()

@@ -21,14 +21,25 @@ from tests.support.project import names
 ROWS = np.arange(400.0, 600, 10)
 NOTHING = np.full(len(ROWS), -2.0)
 SIZES = {1280: (1280, 720), 640: (640, 360)}
-CAMERA = Camera.from_fov((1280, 720), 60, CameraPose(1.3, pitch_rad=0.02, yaw_rad=-0.03, roll_rad=0.01))
+CAMERA = Camera.from_fov(
+    (1280, 720), 60, CameraPose(1.3, pitch_rad=0.02, yaw_rad=-0.03, roll_rad=0.01)
+)
 
 
-def lines(*columns: np.ndarray, name: str = "a.jpg", confidence: float | None = None, rows=ROWS) -> LaneColumns:
-    return LaneColumns(name, rows, np.array(columns).reshape(-1, len(rows)), confidence=confidence)
+def lines(
+    *columns: np.ndarray,
+    name: str = "a.jpg",
+    confidence: float | None = None,
+    rows=ROWS,
+) -> LaneColumns:
+    return LaneColumns(
+        name, rows, np.array(columns).reshape(-1, len(rows)), confidence=confidence
+    )
 
 
-def lane(left: np.ndarray, right: np.ndarray = NOTHING, *, rows: np.ndarray = ROWS) -> LaneColumns:
+def lane(
+    left: np.ndarray, right: np.ndarray = NOTHING, *, rows: np.ndarray = ROWS
+) -> LaneColumns:
     return LaneColumns("a.jpg", rows, np.array([left, right]), EGO_SIDES)
 
 
@@ -49,10 +60,17 @@ def without(rows: slice, column: float = 300.0) -> np.ndarray:
 
 
 def entry(name: str, found: LaneColumns, **more: object) -> dict:
-    return {"raw_file": name, "h_samples": found.rows.tolist(), "lanes": found.columns.tolist(), **more}
+    return {
+        "raw_file": name,
+        "h_samples": found.rows.tolist(),
+        "lanes": found.columns.tolist(),
+        **more,
+    }
 
 
-def read_pairs(folder: Path, labels: list[dict], found: list[dict]) -> tuple[list, list]:
+def read_pairs(
+    folder: Path, labels: list[dict], found: list[dict]
+) -> tuple[list, list]:
     """The labels, and the prediction for each of them, written to files and read."""
     write_json_lines(folder / "labels.jsonl", labels)
     write_json_lines(folder / "found.jsonl", found)
@@ -67,7 +85,11 @@ SHAKY[-2:] += -2, 2  # extended from these two, it would end at 552
 # Lines, their names, and the columns of the left and the right one in row 400.
 EGO_LANES = {
     # In row 400 the second line is nearest to the centre on the left; at the bottom it has gone far left.
-    "next to the bottom centre": ((200, slanted(-2, 630), 500, 800, slanted(3, 700)), (), [500, 800]),
+    "next to the bottom centre": (
+        (200, slanted(-2, 630), 500, 800, slanted(3, 700)),
+        (),
+        [500, 800],
+    ),
     "one without points": ((700, -2, 900), (), [-2, 700]),
     "extended from the lower half": ((SHAKY, 540, 900), (), [540, 900]),
     "a single one on the left": ((600,), (), [600, -2]),
@@ -91,9 +113,21 @@ def test_the_ego_lane_among_lines(name):
 
 # Names of the labels, names of the predictions, and which prediction is that of each label.
 PAIRS = {
-    "by the end of the path": (["a/1/20.jpg", "a/2/20.jpg"], ["/data/a/2/20.jpg", "/x/3/20.jpg"], [None, 0]),
-    "not of other folders": (["day/1.jpg"], [f"/data/{name}/1.jpg" for name in ("night", "day", "rain")], [1]),
-    "of Windows": (["clips\\1\\20.png", "clips\\2\\20.png"], ["D:\\clips\\2\\20.png", "D:\\clips\\1\\20.png"], [1, 0]),
+    "by the end of the path": (
+        ["a/1/20.jpg", "a/2/20.jpg"],
+        ["/data/a/2/20.jpg", "/x/3/20.jpg"],
+        [None, 0],
+    ),
+    "not of other folders": (
+        ["day/1.jpg"],
+        [f"/data/{name}/1.jpg" for name in ("night", "day", "rain")],
+        [1],
+    ),
+    "of Windows": (
+        ["clips\\1\\20.png", "clips\\2\\20.png"],
+        ["D:\\clips\\2\\20.png", "D:\\clips\\1\\20.png"],
+        [1, 0],
+    ),
 }
 
 
@@ -101,19 +135,28 @@ PAIRS = {
 def test_pictures_are_paired(tmp_path, name):
     labelled, predicted, expected = PAIRS[name]
     labels = [entry(one, lines(upright())) for one in labelled]
-    _, found = read_pairs(tmp_path, labels, [entry(one, lines(upright(k))) for k, one in enumerate(predicted)])
+    _, found = read_pairs(
+        tmp_path,
+        labels,
+        [entry(one, lines(upright(k))) for k, one in enumerate(predicted)],
+    )
     assert [pair and pair.columns[0, 0] for pair in found] == expected
 
 
 def test_predictions_without_rows_are_at_those_of_their_label(tmp_path):
     labels = [entry("a.png", lines(upright())), entry("b.png", lines(upright()))]
-    found = [{"raw_file": "a.png", "lanes": [upright(7).tolist()]}, {"raw_file": "b.png", "lanes": []}]
+    found = [
+        {"raw_file": "a.png", "lanes": [upright(7).tolist()]},
+        {"raw_file": "b.png", "lanes": []},
+    ]
     found += [{"raw_file": "unknown.png", "lanes": [[9.0] * 5]}]
     _, (one, none) = read_pairs(tmp_path, labels, found)
     assert one.rows.tolist() == ROWS.tolist() and one.columns[0, 0] == 7 and none.empty
     assert none.at(ROWS).shape == (0, len(ROWS))
     found[0]["lanes"] = [[1.0, 2.0]]
-    with pytest.raises(ValueError, match=r"found.jsonl: line 1 is not a prediction .*shape \(1, 2\)"):
+    with pytest.raises(
+        ValueError, match=r"found.jsonl: line 1 is not a prediction .*shape \(1, 2\)"
+    ):
         read_pairs(tmp_path, labels, found)
 
 
@@ -131,14 +174,28 @@ NO_LABEL = "labels.jsonl: line 1 is not a label"
         ([ONE, ONE | {"raw_file": 3}], [ONE], "labels.jsonl: line 2 is not a label"),
         ([ONE | {"lanes": {"0": [1]}}], [ONE], NO_LABEL),
         ([ONE | {"sides": ["left", "right"]}], [ONE], NO_LABEL),
-        ([ONE | {"sides": ["left"], "lanes": [upright().tolist()] * 2}], [ONE], NO_LABEL),
+        (
+            [ONE | {"sides": ["left"], "lanes": [upright().tolist()] * 2}],
+            [ONE],
+            NO_LABEL,
+        ),
         ([ONE | {"confidence": 1.5}], [ONE], NO_LABEL),
-        ([ONE | {"raw_file": "x/../../a.png"}], [ONE], "labels.jsonl: the picture 'x/../../a.png' lies outside"),
-        ([ONE | {"raw_file": "..\\a.png"}], [ONE], "labels.jsonl: the picture '../a.png' lies outside"),
+        (
+            [ONE | {"raw_file": "x/../../a.png"}],
+            [ONE],
+            "labels.jsonl: the picture 'x/../../a.png' lies outside",
+        ),
+        (
+            [ONE | {"raw_file": "..\\a.png"}],
+            [ONE],
+            "labels.jsonl: the picture '../a.png' lies outside",
+        ),
         ([ONE | {"raw_file": "a\0.png"}], [ONE], "labels.jsonl: .*lies outside"),
     ],
 )
-def test_files_that_cannot_be_paired_or_read_are_refused(tmp_path, labels, found, words):
+def test_files_that_cannot_be_paired_or_read_are_refused(
+    tmp_path, labels, found, words
+):
     """More of them: tests/support/bad_files.py, and any content in tests/properties/test_any_file.py."""
     with pytest.raises(ValueError, match=words):
         read_pairs(tmp_path, labels, found)
@@ -152,17 +209,52 @@ ACCURACIES = {
     "by 20 px": (lane(upright()), lane(upright() + 20), 1280, 0),
     "to the left": (lane(upright()), lane(upright() - 20.01), 1280, 0),
     "in a smaller picture": (lane(upright()), lane(upright() + 10.01), 640, 0),
-    "slanted, within 25 px": (lane(slanted(0.75)), lane(slanted(0.75) + 24.99), 1280, 1),
+    "slanted, within 25 px": (
+        lane(slanted(0.75)),
+        lane(slanted(0.75) + 24.99),
+        1280,
+        1,
+    ),
     "slanted, by 25 px": (lane(slanted(-0.75)), lane(slanted(-0.75) + 25.01), 1280, 0),
     "flat, within 52 px": (lane(slanted(2.4)), lane(slanted(2.4) + 51.99), 1280, 1),
-    "by the direction of the label": (lane(slanted(0)), lane(slanted(0.75)), 1280, 0.15),
+    "by the direction of the label": (
+        lane(slanted(0)),
+        lane(slanted(0.75)),
+        1280,
+        0.15,
+    ),
     "missing points are wrong": (lane(upright()), lane(without(np.s_[:5])), 1280, 0.75),
-    "rows without label do not count": (lane(without(np.s_[:16])), lane(upright()), 1280, 1),
-    "three points are too few": (lane(without(np.s_[:17])), lane(upright()), 1280, np.nan),
+    "rows without label do not count": (
+        lane(without(np.s_[:16])),
+        lane(upright()),
+        1280,
+        1,
+    ),
+    "three points are too few": (
+        lane(without(np.s_[:17])),
+        lane(upright()),
+        1280,
+        np.nan,
+    ),
     "none": (lane(upright()), None, 1280, 0),
-    "the first row is beyond": (lane(slanted(2)), lane(slanted(2)[::-2], NOTHING[::-2], rows=ROWS[::-2]), 1280, 0.95),
-    "left and right swapped": (lane(upright(200), upright(900)), lane(upright(900), upright(200)), 1280, 0),
-    "without names they are ordered": (lane(upright(200), upright(900)), lines(upright(900), upright(200)), 1280, 1),
+    "the first row is beyond": (
+        lane(slanted(2)),
+        lane(slanted(2)[::-2], NOTHING[::-2], rows=ROWS[::-2]),
+        1280,
+        0.95,
+    ),
+    "left and right swapped": (
+        lane(upright(200), upright(900)),
+        lane(upright(900), upright(200)),
+        1280,
+        0,
+    ),
+    "without names they are ordered": (
+        lane(upright(200), upright(900)),
+        lines(upright(900), upright(200)),
+        1280,
+        1,
+    ),
 }
 
 
@@ -175,55 +267,108 @@ def test_accuracy_of_an_ego_line(name):
 
 def test_two_points_of_a_label_have_a_direction():
     """The official tolerance of a line of 3-4-5 triangles is 25 px."""
-    label, within, beyond = (LaneColumns("a.jpg", ROWS[:2], slanted(0.75)[None, :2] + px) for px in (0, 24.99, 25.01))
-    assert score_still(label, within).values["TuSimple"] == 1 and score_still(label, beyond).values["TuSimple"] == 0
+    label, within, beyond = (
+        LaneColumns("a.jpg", ROWS[:2], slanted(0.75)[None, :2] + px)
+        for px in (0, 24.99, 25.01)
+    )
+    assert (
+        score_still(label, within).values["TuSimple"] == 1
+        and score_still(label, beyond).values["TuSimple"] == 0
+    )
 
 
 def test_a_picture_is_right_if_all_its_lines_are_matched_and_none_is_predicted_where_none_is():
     label = lane(upright(), upright(900))
     for missing, right in ((3, True), (4, False)):  # of 20
-        assert score_still(label, lane(upright(), without(np.s_[:missing], 900))).right is right
+        assert (
+            score_still(label, lane(upright(), without(np.s_[:missing], 900))).right
+            is right
+        )
     assert score_still(lane(without(np.s_[:17])), lane(upright())).right is None
     for none in (lines(), lines(NOTHING, NOTHING)):
-        for confidence, right in {None: False, 0.49: True, 0.5: False, 0.9: False}.items():
-            assert score_still(none, lines(upright(), upright(900), confidence=confidence)).right is right
-        assert score_still(none, None).right and score_still(none, lines(NOTHING, confidence=0.9)).right
+        for confidence, right in {
+            None: False,
+            0.49: True,
+            0.5: False,
+            0.9: False,
+        }.items():
+            assert (
+                score_still(
+                    none, lines(upright(), upright(900), confidence=confidence)
+                ).right
+                is right
+            )
+        assert (
+            score_still(none, None).right
+            and score_still(none, lines(NOTHING, confidence=0.9)).right
+        )
 
 
 def test_the_mean_over_a_set_is_that_of_their_program(tmp_path, score):
     """Random pictures, also with more lines than counted, without lines, and with slow predictions."""
-    rng, rows, entries = np.random.default_rng(4), list(range(240, 720, 10)), {"labels": [], "found": []}
+    rng, rows, entries = (
+        np.random.default_rng(4),
+        list(range(240, 720, 10)),
+        {"labels": [], "found": []},
+    )
     for number in range(60):
         lanes = [random_line(rng, rows) for _ in range(rng.integers(0, 6))]
         # near the label, also two near one another, which may make FP negative
-        found = [vary(rng, line) for line in lanes for _ in range(rng.integers(0, 3))][: rng.integers(0, 8)]
+        found = [vary(rng, line) for line in lanes for _ in range(rng.integers(0, 3))][
+            : rng.integers(0, 8)
+        ]
         if number % 7 == 0 and lanes:
             lanes.append([column + 3 if column >= 0 else -2 for column in lanes[0]])
             found = [lanes[0]]
-        entries["labels"].append({"raw_file": f"{number}.jpg", "lanes": lanes, "h_samples": rows})
+        entries["labels"].append(
+            {"raw_file": f"{number}.jpg", "lanes": lanes, "h_samples": rows}
+        )
         run_time = float(rng.choice([10, 200, 200.1]))
-        entries["found"].append({"raw_file": f"{number}.jpg", "lanes": found, "run_time": run_time})
-    row = summarize([score_still(*pair) for pair in zip(*read_pairs(tmp_path, **entries), strict=True)])
-    theirs = np.array([tusimple_bench(*pair) for pair in zip(entries["labels"], entries["found"], strict=True)])
+        entries["found"].append(
+            {"raw_file": f"{number}.jpg", "lanes": found, "run_time": run_time}
+        )
+    row = summarize(
+        [
+            score_still(*pair)
+            for pair in zip(*read_pairs(tmp_path, **entries), strict=True)
+        ]
+    )
+    theirs = np.array(
+        [
+            tusimple_bench(*pair)
+            for pair in zip(entries["labels"], entries["found"], strict=True)
+        ]
+    )
     wanted = theirs.mean(axis=0)
-    assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(wanted, abs=1e-9)
+    assert [row[name] for name in ("TuSimple", "FP", "FN")] == pytest.approx(
+        wanted, abs=1e-9
+    )
     assert theirs[:, 1].min() < 0
     said = score(tmp_path)
     assert rows_of(said, "scores")["all"][2:5] == [f"{number:.3f}" for number in wanted]
     late = sum(entry["run_time"] > 200 for entry in entries["found"])
-    assert f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou" in said
+    assert (
+        f"note: {late} of 60 predictions took more than 200 ms, which TuSimple's score counts as not fou"
+        in said
+    )
     assert f" and {late - 5} more\n" in said
 
 
 def random_line(rng: np.random.Generator, rows: list[int]) -> list[float]:
     first = rng.integers(0, 20)
     columns = rng.uniform(100, 1100) + rng.uniform(-2, 2) * (np.array(rows) - 480)
-    return [-2 if k < first or not 0 <= x < 1280 else round(float(x)) for k, x in enumerate(columns)]
+    return [
+        -2 if k < first or not 0 <= x < 1280 else round(float(x))
+        for k, x in enumerate(columns)
+    ]
 
 
 def vary(rng: np.random.Generator, line: list[float]) -> list[float]:
     off = rng.choice([0, 8, 25]) + rng.normal(0, 6, len(line))
-    return [-2 if column < 0 else round(float(column + error)) for column, error in zip(line, off, strict=True)]
+    return [
+        -2 if column < 0 else round(float(column + error))
+        for column, error in zip(line, off, strict=True)
+    ]
 
 
 def tusimple_bench(label: dict, prediction: dict) -> tuple[float, float, float]:
@@ -233,31 +378,48 @@ def tusimple_bench(label: dict, prediction: dict) -> tuple[float, float, float]:
         return 0.0, 0.0, 1.0
     accuracies = []
     for line in true:
-        points = [(row, column) for row, column in zip(rows, line, strict=True) if column >= 0]
+        points = [
+            (row, column) for row, column in zip(rows, line, strict=True) if column >= 0
+        ]
         slope = 0.0
         if len(points) > 1:
             y, x = np.array(points, float).T
-            slope = ((y - y.mean()) * (x - x.mean())).sum() / ((y - y.mean()) ** 2).sum()
+            slope = ((y - y.mean()) * (x - x.mean())).sum() / (
+                (y - y.mean()) ** 2
+            ).sum()
         most = 20 / np.cos(np.arctan(slope))
         shares = [0.0]
         for other in found:
-            ends = [[column if column >= 0 else -100 for column in some] for some in (line, other)]
-            shares.append(sum(abs(a - b) < most for a, b in zip(*ends, strict=True)) / len(rows))
+            ends = [
+                [column if column >= 0 else -100 for column in some]
+                for some in (line, other)
+            ]
+            shares.append(
+                sum(abs(a - b) < most for a, b in zip(*ends, strict=True)) / len(rows)
+            )
         accuracies.append(max(shares))
     matched = sum(accuracy >= 0.85 for accuracy in accuracies)
     missed, total = len(true) - matched, sum(accuracies)
     if len(true) > 4:
         missed, total = missed - (missed > 0), total - min(accuracies)
     count = max(min(4, len(true)), 1)
-    return total / count, (len(found) - matched) / len(found) if found else 0.0, missed / count
+    return (
+        total / count,
+        (len(found) - matched) / len(found) if found else 0.0,
+        missed / count,
+    )
 
 
-def road_lines(*lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_per_m: float = 2e-3) -> LaneColumns:
+def road_lines(
+    *lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_per_m: float = 2e-3
+) -> LaneColumns:
     """Lines of a bend at these lateral positions, seen by CAMERA in every tenth row."""
     rows, x = np.arange(360.0, 720, 10), np.geomspace(*x_m, 400)
     columns = []
     for y in lateral_m:
-        u, v = CAMERA.road_to_pixels(np.column_stack([x, y + curvature_per_m * x**2 / 2])).T
+        u, v = CAMERA.road_to_pixels(
+            np.column_stack([x, y + curvature_per_m * x**2 / 2])
+        ).T
         columns.append(np.interp(rows, v[::-1], u[::-1], left=-2, right=-2))
     return lines(*columns, rows=rows)
 
@@ -267,7 +429,10 @@ def road_lines(*lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_
     [
         (road_lines(-1.5, 1.7), [[-0.1] * 5, [0.3] * 5]),
         # lines are straight between points, 10 rows apart
-        (road_lines(1.8, -1.8, curvature_per_m=0), [[-1e-3 * float(name[:-2]) ** 2 for name in DISTANCES]] * 2),
+        (
+            road_lines(1.8, -1.8, curvature_per_m=0),
+            [[-1e-3 * float(name[:-2]) ** 2 for name in DISTANCES]] * 2,
+        ),
         (road_lines(1.8), [[0.0] * 5, [np.nan] * 5]),
         (road_lines(1.8, -1.8, x_m=(12, 25)), [[np.nan, np.nan, 0, 0, np.nan]] * 2),
         (lines(), [[np.nan] * 5] * 2),
@@ -276,25 +441,48 @@ def road_lines(*lateral_m: float, x_m: tuple[float, float] = (4, 60), curvature_
 )
 def test_lateral_errors_at_each_distance(found, errors):
     values = score_still(road_lines(1.8, -1.8), found, CAMERA.size, CAMERA).values
-    np.testing.assert_allclose(np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03)
+    np.testing.assert_allclose(
+        np.array([values[name] for name in DISTANCES]).T, errors, atol=0.03
+    )
 
 
 def test_medians_and_percentiles_are_those_of_the_sizes_of_the_errors():
-    pairs = [(road_lines(1.8, -1.8), road_lines(*found_m)) for found_m in ((1.8, -1.8), (1.7, -1.5))]
-    row = summarize([score_still(*pair, CAMERA.size, CAMERA) for pair in pairs], DISTANCES)
+    pairs = [
+        (road_lines(1.8, -1.8), road_lines(*found_m))
+        for found_m in ((1.8, -1.8), (1.7, -1.5))
+    ]
+    row = summarize(
+        [score_still(*pair, CAMERA.size, CAMERA) for pair in pairs], DISTANCES
+    )
     assert (row["15 m"], row["15 m, 95 %"]) == pytest.approx((0.05, 0.27), abs=0.01)
 
 
-def stated(confidence: float | None, right: bool, *, labelled: bool = True) -> StillScore:
+def stated(
+    confidence: float | None, right: bool, *, labelled: bool = True
+) -> StillScore:
     label = lines(upright(), upright(900)) if labelled else lines()
-    return score_still(label, lines(upright(300 if right else 500), upright(900), confidence=confidence))
+    return score_still(
+        label,
+        lines(upright(300 if right else 500), upright(900), confidence=confidence),
+    )
 
 
 def test_confidence_is_compared_with_the_share_of_right_lanes():
-    pairs = [(0.95, True), (0.9, True), (0.99, False), (0.7, True), (0.5, False), (0.2, True), (None, True)]
+    pairs = [
+        (0.95, True),
+        (0.9, True),
+        (0.99, False),
+        (0.7, True),
+        (0.5, False),
+        (0.2, True),
+        (None, True),
+    ]
     scores = [stated(*pair) for pair in pairs]
     # an unlikely lane where none is labelled is no fault, but it is no right lane either
-    scores += [stated(0.3, True, labelled=False), score_still(lines(upright(), upright(900)), lines(confidence=0.0))]
+    scores += [
+        stated(0.3, True, labelled=False),
+        score_still(lines(upright(), upright(900)), lines(confidence=0.0)),
+    ]
     table = reliability(scores)
     assert {name: (row["lanes"], row["right"]) for name, row in table.items()} == {
         "0.9 or more": (3, 2),
@@ -312,7 +500,11 @@ HOSTILE = "b/c/<img src=x onerror=alert(1)>{{data}}.jpg"
 def folder(tmp_path) -> Path:
     """Labels of three pictures in two folders, of which one is not there, and predictions for two of them."""
     good = road_lines(1.8, -1.8)
-    labels = [entry("a/1.jpg", good), entry(HOSTILE, good), entry("a/2.jpg", lines(rows=good.rows))]
+    labels = [
+        entry("a/1.jpg", good),
+        entry(HOSTILE, good),
+        entry("a/2.jpg", lines(rows=good.rows)),
+    ]
     found = [
         entry("a/1.jpg", road_lines(5.0, -1.7, 1.9), confidence=0.9),
         entry("a/2.jpg", good, confidence=0.8),
@@ -328,9 +520,13 @@ def folder(tmp_path) -> Path:
 def score(run):
     """A function that scores a folder into its page.html; returns what the command prints, on stderr if it refuses."""
 
-    def score(folder: Path, *options: object, output: str = "page.html", status: int = 0) -> str:
+    def score(
+        folder: Path, *options: object, output: str = "page.html", status: int = 0
+    ) -> str:
         labels, predictions = folder / "labels.jsonl", folder / "found.jsonl"
-        ended, out, err = run("score", labels, predictions, *options, "-o", folder / output)
+        ended, out, err = run(
+            "score", labels, predictions, *options, "-o", folder / output
+        )
         assert ended == status
         return err if status else out
 
@@ -344,7 +540,9 @@ def rows_of(text: str, title: str) -> dict[str, list[str]]:
 
 
 def page_data(page: Path) -> dict:
-    (text,) = re.findall(r'<script type="application/json" id="data">(.*)</script>', page.read_text())
+    (text,) = re.findall(
+        r'<script type="application/json" id="data">(.*)</script>', page.read_text()
+    )
     return json.loads(text)
 
 
@@ -358,67 +556,122 @@ def test_command_prints_tables_and_writes_a_page(folder, score):
     }
     errors_m = np.array(rows_of(said, "lateral errors, metres")["all"][1:], float)
     assert errors_m == pytest.approx(0.1, abs=0.01)
-    assert "note: 1 of 3 stills have no prediction" in said and "note: 1 of 3 pictures are missing" in said
+    assert (
+        "note: 1 of 3 stills have no prediction" in said
+        and "note: 1 of 3 pictures are missing" in said
+    )
     assert "a/2.jpg" in said and str(page) in said
     data = page_data(page)
-    assert [still["name"] for still in data["stills"]] == [HOSTILE, "a/2.jpg", "a/1.jpg"]
+    assert [still["name"] for still in data["stills"]] == [
+        HOSTILE,
+        "a/2.jpg",
+        "a/1.jpg",
+    ]
     assert [bool(still["jpeg"]) for still in data["stills"]] == [True, False, True]
     assert data["tables"]["scores"][1]["b"][:2] == ["1", "0.000"]
-    assert "<img src=x" not in page.read_text() and "{{" not in page.read_text().replace("{{data}}", "")
+    assert (
+        "<img src=x" not in page.read_text()
+        and "{{" not in page.read_text().replace("{{data}}", "")
+    )
 
 
 @pytest.mark.parametrize(
     ("camera", "output", "words"),
     [
-        (Camera.from_fov((1280, 720), 60), "page.html", "camera.yaml: holds no camera pose"),
+        (
+            Camera.from_fov((1280, 720), 60),
+            "page.html",
+            "camera.yaml: holds no camera pose",
+        ),
         (CAMERA.scaled((640, 360)), "page.html", "1.jpg"),
         (CAMERA, "a/1.jpg", "would be overwritten"),
         (CAMERA, "page.html", "a/2.jpg: cannot be decoded"),
     ],
 )
-def test_what_does_not_fit_is_refused_and_nothing_is_written(folder, camera, output, words, score):
+def test_what_does_not_fit_is_refused_and_nothing_is_written(
+    folder, camera, output, words, score
+):
     save_camera(camera, folder / "camera.yaml")
     if "decoded" in words:
-        (folder / "a" / "2.jpg").write_bytes((folder / "a" / "1.jpg").read_bytes()[:300])
+        (folder / "a" / "2.jpg").write_bytes(
+            (folder / "a" / "1.jpg").read_bytes()[:300]
+        )
     before = names(folder), (folder / "a" / "1.jpg").read_bytes()
-    assert words in score(folder, "--camera", folder / "camera.yaml", output=output, status=2)
+    assert words in score(
+        folder, "--camera", folder / "camera.yaml", output=output, status=2
+    )
     assert (names(folder), (folder / "a" / "1.jpg").read_bytes()) == before
 
 
 @pytest.mark.parametrize(
-    ("labelled", "predicted", "on_disk"), [("NFC", "NFD", "NFD"), ("NFD", "NFC", "NFD"), ("NFD", "NFD", "NFC")]
+    ("labelled", "predicted", "on_disk"),
+    [("NFC", "NFD", "NFD"), ("NFD", "NFC", "NFD"), ("NFD", "NFD", "NFC")],
 )
-def test_names_are_the_same_in_all_forms_of_unicode(tmp_path, score, labelled, predicted, on_disk):
+def test_names_are_the_same_in_all_forms_of_unicode(
+    tmp_path, score, labelled, predicted, on_disk
+):
     """macOS decomposes accents and Hangul."""
     good, name = road_lines(1.8, -1.8), "Fahrt nach Köln/서울 é.png"
-    write_image(tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8))
-    read_pairs(tmp_path, *([entry(normalize(form, name), good)] for form in (labelled, predicted)))
+    write_image(
+        tmp_path / normalize(on_disk, name), np.full((720, 1280, 3), 90, np.uint8)
+    )
+    read_pairs(
+        tmp_path,
+        *([entry(normalize(form, name), good)] for form in (labelled, predicted)),
+    )
     said = score(tmp_path)
-    assert rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"] and "note:" not in said
+    assert (
+        rows_of(said, "scores")["all"][:3] == ["1", "1.000", "1.000"]
+        and "note:" not in said
+    )
     assert page_data(tmp_path / "page.html")["stills"][0]["jpeg"]
 
 
 def bend_at(rows: np.ndarray) -> dict:
     """Both lines of a bend at any rows."""
     y = np.asarray(rows, float) - 360
-    return entry("a.png", lines(600 - 1.2 * y + 0.0005 * y**2, 640 + 1.3 * y + 0.0005 * y**2, rows=rows))
+    return entry(
+        "a.png",
+        lines(600 - 1.2 * y + 0.0005 * y**2, 640 + 1.3 * y + 0.0005 * y**2, rows=rows),
+    )
 
 
 @pytest.mark.parametrize(
     ("labelled", "predicted", "accuracy", "notes"),
     [
         # the rows of `detect` by default
-        (np.arange(420, 706, 15), np.arange(420, 701, 10), "0.950", ["at other rows", "(rows 705)"]),
+        (
+            np.arange(420, 706, 15),
+            np.arange(420, 701, 10),
+            "0.950",
+            ["at other rows", "(rows 705)"],
+        ),
         (np.arange(420, 701, 10), np.linspace(420, 700, 29) + 1e-9, "1.000", []),
         (np.arange(400, 701, 20), np.arange(700, 419, -10), "0.938", ["(rows 400)"]),
-        (np.arange(240, 711, 10), np.arange(420, 701, 10), "0.604", ["(rows 240, 250, 260, "]),
+        (
+            np.arange(240, 711, 10),
+            np.arange(420, 701, 10),
+            "0.604",
+            ["(rows 240, 250, 260, "],
+        ),
     ],
 )
-def test_other_rows_are_interpolated_or_named(tmp_path, score, labelled, predicted, accuracy, notes):
+def test_other_rows_are_interpolated_or_named(
+    tmp_path, score, labelled, predicted, accuracy, notes
+):
     read_pairs(tmp_path, [bend_at(labelled)], [bend_at(predicted)])
     said = score(tmp_path)
     assert rows_of(said, "scores")["all"][5] == accuracy
-    assert len([line for line in said.splitlines() if "predictions " in line]) == len(notes)
+    assert len([line for line in said.splitlines() if "predictions " in line]) == len(
+        notes
+    )
     assert all(note in said for note in notes)
-    score(tmp_path, "--camera", save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml"))
-    assert page_data(tmp_path / "page.html")["stills"][0]["size"] == [1920, 1080]  # assumed
+    score(
+        tmp_path,
+        "--camera",
+        save_camera(CAMERA.scaled((1920, 1080)), tmp_path / "camera.yaml"),
+    )
+    assert page_data(tmp_path / "page.html")["stills"][0]["size"] == [
+        1920,
+        1080,
+    ]  # assumed
