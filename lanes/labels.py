@@ -140,9 +140,8 @@ class LaneColumns:
         Without names they are the nearest ones left and right of the bottom centre;
         two lines are always both of them. A line that is missing has no points.
         """
-        if self.sides:
-            numbers = [_index_of(side, self.sides) for side in EGO_SIDES]
-        else:
+        numbers = [_index_of(side, self.sides) for side in EGO_SIDES]
+        if not self.sides:
             numbers = self._nearest_lines(size)
         missing = np.full((1, len(self.rows)), NO_POINT)
         with_missing = np.vstack([self.columns, missing])
