@@ -358,12 +358,12 @@ def _columns_of_drawing(name: str, drawing: Drawing) -> LaneColumns:
     # Half a pixel belongs to the pixel at the border.
     inside = (columns >= -0.5) & (columns <= width - 0.5)
     columns = np.where(inside, columns.clip(0, width - 1), NO_POINT)
-    has_points = inside.any(axis=1)
+    has_points: np.ndarray = inside.any(axis=1)
     return LaneColumns(
         name,
         rows,
         columns[has_points],
-        sides=tuple(compress(drawing.sides, has_points)),
+        sides=tuple(compress(drawing.sides, has_points.tolist())),
         size=drawing.size,
         checked=drawing.checked,
     )
@@ -437,8 +437,7 @@ def _parse(name: str, h_samples: object, entry: dict) -> LaneColumns:
     if not 0 <= (confidence or 0) <= 1:
         raise ValueError("confidence is not a number from 0 to 1")
     run_time = entry.get("run_time")
-    known_time = isinstance(run_time, int | float)
-    run_time_ms = float(run_time) if known_time else 0.0
+    run_time_ms = float(run_time) if isinstance(run_time, int | float) else 0.0
     return LaneColumns(name, rows, columns, tuple(sides), confidence, run_time_ms)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -15,11 +16,13 @@ from lanes.labels import label_rows, read_labels, read_predictions
 from tests.support.labelme_files import labelme_file, line_strip
 
 SIZE = (1280, 720)
-LEFT = line_strip("left", [(600, 400), (200, 720)])
-RIGHT = line_strip("right", [(700, 400), (1100, 720)])
+LEFT = line_strip("left", (600, 400), (200, 720))
+RIGHT = line_strip("right", (700, 400), (1100, 720))
 
 
-def write_labels(folder: Path, *shapes: dict, name: str = "a", **changes) -> Path:
+def write_labels(
+    folder: Path, *shapes: dict, name: str = "a", **changes: object
+) -> Path:
     """A file of labelme for NAME.png, with some of its entries changed."""
     content = labelme_file(f"{name}.png", SIZE, shapes) | changes
     path = folder / f"{name}.json"
@@ -33,44 +36,51 @@ def write_labels(folder: Path, *shapes: dict, name: str = "a", **changes) -> Pat
 TURNING_BACK = [(100, 700), (300, 400), (500, 600)]
 
 
+UPWARDS = [(100, 700), (300, 500)]
+WITH_A_FLAT_PART = [(100, 700), (300, 600), (400, 600), (500, 500)]
+
+
 @pytest.mark.parametrize(
     ("points", "row", "column"),
     [
-        ([(100, 700), (300, 500)], 600, 200),
-        ([(300, 500), (100, 700)], 600, 200),
-        ([(100, 700), (300, 500)], 700, 100),
-        ([(100, 700), (300, 500)], 499, np.nan),
-        ([(100, 700), (300, 600), (400, 600), (500, 500)], 550, 450),
+        (UPWARDS, 600, 200),
+        (UPWARDS[::-1], 600, 200),
+        (UPWARDS, 700, 100),
+        (UPWARDS, 499, np.nan),
+        (WITH_A_FLAT_PART, 550, 450),
         (TURNING_BACK, 550, 200),
         (TURNING_BACK[::-1], 550, 200),
     ],
 )
 def test_a_line_strip_at_a_row(points, row, column):
-    columns = columns_of(np.array(points, float), np.array([row]))
+    points_px = np.array(points, float)
+    columns = columns_of(points_px, np.array([row]))
     np.testing.assert_allclose(columns, [column])
 
 
 def test_points_count_from_the_corner_of_the_first_pixel(tmp_path):
-    strip = line_strip("left", [(300.5, 400.5), (300.5, 720)])
+    strip = line_strip("left", (300.5, 400.5), (300.5, 720))
     path = write_labels(tmp_path, strip)
     (label,) = read_labels(path)
     assert label.columns[0, label.rows == 500] == 300
     np.testing.assert_array_equal(label.rows, label_rows(720))
-    assert label.rows[[0, 1, -1]].tolist() == [160, 170, 710]
+    first, second, *_, last = label.rows
+    assert (first, second, last) == (160, 170, 710)
 
 
 def test_lines_along_the_border_are_in_the_image_and_lines_beyond_are_not(tmp_path):
-    on_border = line_strip("left", [(0, 400), (0, 720)])
-    leaving = line_strip("right", [(1240, 400), (1320, 720)])
+    on_border = line_strip("left", (0, 400), (0, 720))
+    leaving = line_strip("right", (1240, 400), (1320, 720))
     (label,) = read_labels(write_labels(tmp_path, on_border, leaving))
     left, right = label.columns
     assert (left[label.rows >= 410] == 0).all()
     assert (right[label.rows >= 570] == -2).all()
-    assert (right[(label.rows >= 410) & (label.rows <= 550)] > 1200).all()
+    in_image = (label.rows >= 410) & (label.rows <= 550)
+    assert (right[in_image] > 1200).all()
 
 
 def test_a_line_that_crosses_no_row_has_no_place_in_the_label(tmp_path):
-    short = line_strip("far left", [(100, 401), (105, 402)])
+    short = line_strip("far left", (100, 401), (105, 402))
     (label,) = read_labels(write_labels(tmp_path, short, RIGHT))
     assert label.sides == ("right",)
     assert label.columns.shape == (1, len(label.rows))
@@ -81,7 +91,7 @@ def test_a_line_that_crosses_no_row_has_no_place_in_the_label(tmp_path):
 
 def test_the_ego_lane_has_the_lines_with_its_names(tmp_path):
     """Whatever their order, and although another line is nearer to the centre."""
-    far = line_strip("far left", [(600, 400), (600, 720)])
+    far = line_strip("far left", (600, 400), (600, 720))
     (label,) = read_labels(write_labels(tmp_path, far, RIGHT, LEFT))
     ego = label.ego_lane(SIZE)
     at_bottom = ego.columns[:, label.rows == 710].ravel()
@@ -92,7 +102,7 @@ def test_lines_with_names_of_other_programs_have_their_sides_by_place(tmp_path):
     names = ("lane", "lane", "lane_3")
     feet = (900, 300, 20)
     strips = [
-        line_strip(name, [(640, 400), (foot, 720)])
+        line_strip(name, (640, 400), (foot, 720))
         for name, foot in zip(names, feet, strict=True)
     ]
     (label,) = read_labels(write_labels(tmp_path, *strips))
@@ -103,7 +113,7 @@ def test_lines_with_names_of_other_programs_have_their_sides_by_place(tmp_path):
 
 
 def test_other_shapes_are_no_lines(tmp_path):
-    car = line_strip("car", [(1, 1), (9, 9)]) | {"shape_type": "rectangle"}
+    car = line_strip("car", (1, 1), (9, 9)) | {"shape_type": "rectangle"}
     straight = LEFT | {"shape_type": "line"}
     (label,) = read_labels(write_labels(tmp_path, car, straight, RIGHT))
     assert label.sides == ("left", "right")
@@ -115,10 +125,10 @@ def test_no_shape_is_the_label_of_an_image_without_a_lane(tmp_path):
     assert label.size == SIZE
 
 
-MISNAMED = line_strip("rigth", [(700, 400), (1100, 720)])
+MISNAMED = line_strip("rigth", (700, 400), (1100, 720))
 POLYGON = LEFT | {"shape_type": "polygon"}
-ONE_POINT = line_strip("left", [(700, 400)])
-FAR_OUTSIDE = line_strip("left", [(700, 400), (1e12, 720)])
+ONE_POINT = line_strip("left", (700, 400))
+FAR_OUTSIDE = line_strip("left", (700, 400), (1e12, 720))
 UNNAMED = {"shape_type": "linestrip", "points": [[1, 2], [3, 4]]}
 
 
@@ -225,12 +235,13 @@ def test_predictions_need_not_be_checked(tmp_path):
 
 
 def scores_of(text: str) -> Sequence[str]:
-    (line,) = [line for line in text.splitlines() if line.startswith("all ")]
-    return line.split()[1:]
+    (cells,) = re.findall(r"^all (.*)$", text, re.MULTILINE)
+    return cells.split()
 
 
 def test_a_folder_is_scored_against_json_lines_and_json_lines_against_it(tmp_path, run):
-    write_image(tmp_path / "a.png", np.full((720, 1280, 3), 90, np.uint8))
+    image = np.full((720, 1280, 3), 90, np.uint8)
+    write_image(tmp_path / "a.png", image)
     write_labels(tmp_path, LEFT, RIGHT)
     (label,) = read_labels(tmp_path)
     row = {
@@ -249,9 +260,11 @@ def test_a_folder_is_scored_against_json_lines_and_json_lines_against_it(tmp_pat
 
 
 def test_a_picture_of_another_size_than_its_label_is_refused(tmp_path, run):
-    write_image(tmp_path / "a.png", np.full((360, 640, 3), 90, np.uint8))
+    image = np.full((360, 640, 3), 90, np.uint8)
+    write_image(tmp_path / "a.png", image)
     path = write_labels(tmp_path, LEFT)
-    status, _, err = run("score", path, path, "-o", tmp_path / "page.html")
+    page = tmp_path / "page.html"
+    status, _, err = run("score", path, path, "-o", page)
     assert status == 2
     assert "a.png: is 640x360, but its label is of an image of 1280x720" in err
-    assert not (tmp_path / "page.html").exists()
+    assert not page.exists()

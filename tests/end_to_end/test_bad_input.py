@@ -90,7 +90,7 @@ def good(tmp_path_factory) -> Path:
         write_image(folder / f"still.{suffix}", BENDS.frame(0.0))
     label = {"h_samples": [200, 220, 240, 260, 280, 300], "lanes": [[300] * 6, [340] * 6]}
     *lines, bad = (json.dumps({"raw_file": f"{name}.png"} | label) + "\n" for name in ("a", "b", "c", "d", "bad/BAD"))
-    content = labelme_file("a.png", (640, 360), [line_strip("left", [(300, 200), (300, 300)])])
+    content = labelme_file("a.png", (640, 360), [line_strip("left", (300, 200), (300, 300))])
     content["flags"] = {"checked": True}
     (folder / "label.json").write_text(json.dumps(content, indent=2))
     for name, text in {"bad": bad, "labels": "".join(lines), "predictions": "".join(lines)}.items():

@@ -28,7 +28,7 @@ JSON = st.recursive(
     ODD, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner), max_leaves=5
 )
 LABEL = {"raw_file": "a.jpg", "h_samples": [400, 410, 420, 430], "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]]}
-LABELME = labelme_file("a.jpg", (640, 720), [line_strip("left", [(3, 400), (1, 720)])])
+LABELME = labelme_file("a.jpg", (640, 720), [line_strip("left", (3, 400), (1, 720))])
 TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
 
 

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 
-def line_strip(name: str, points: Iterable[tuple[float, float]]) -> dict:
+def line_strip(name: str, *points: Sequence[float]) -> dict:
     """A shape; columns and rows count from the corner of the first pixel."""
     return {
         "label": name,
