@@ -71,7 +71,7 @@ class Drawing:
 
     @property
     def sides(self) -> tuple[str, ...]:
-        """The names of the lines; empty if the labels do not say which line is which."""
+        """The names of the lines; empty if they do not say which line is which."""
         names = tuple(strip.name for strip in self.strips)
         return names if set(names) <= set(LINE_NAMES) else ()
 

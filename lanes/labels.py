@@ -24,7 +24,6 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
-from itertools import compress
 from pathlib import Path, PurePosixPath
 from typing import Any
 from unicodedata import normalize
@@ -127,7 +126,7 @@ class LaneColumns:
         return np.nan_to_num(columns, nan=NO_POINT)
 
     def lacking(self, rows: np.ndarray) -> np.ndarray:
-        """Those of `rows` (N,) that are beyond its own, so that it has no point there."""
+        """Those of `rows` (N,) beyond its own, so that it has no point there."""
         if not len(self.rows):
             return rows
         above = rows < self.rows.min() - SAME_ROW_PX
@@ -356,14 +355,14 @@ def _columns_of_drawing(name: str, drawing: Drawing) -> LaneColumns:
         line[:] = columns_of(strip.points_px, rows)
 
     # Half a pixel belongs to the pixel at the border.
-    inside = (columns >= -0.5) & (columns <= width - 0.5)
+    inside: np.ndarray = (columns >= -0.5) & (columns <= width - 0.5)
     columns = np.where(inside, columns.clip(0, width - 1), NO_POINT)
-    has_points: np.ndarray = inside.any(axis=1)
+    has_points = np.flatnonzero(inside.any(axis=1))
     return LaneColumns(
         name,
         rows,
         columns[has_points],
-        sides=tuple(compress(drawing.sides, has_points.tolist())),
+        sides=tuple(drawing.sides[line] for line in has_points if drawing.sides),
         size=drawing.size,
         checked=drawing.checked,
     )

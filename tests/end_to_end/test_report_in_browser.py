@@ -1,4 +1,4 @@
-"""The pages of a report and of a score in Chromium: playing, clicks, keys, screen sizes and hostile names."""
+"""The pages of a report and of a score in Chromium."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ HOSTILE = "<img src=x onerror=document.title='owned'>.mp4"
 # 200 frames of the story; each is as bright as its number.
 LENGTH_S = 10.0
 SHOWN_FRAME = """(() => {
-  const canvas = Object.assign(document.createElement("canvas"), {width: 64, height: 36});
+  const canvas = document.createElement("canvas");
+  canvas.width = 64;
+  canvas.height = 36;
   const pixels = canvas.getContext("2d");
   pixels.drawImage(video, 0, 0, 64, 36);
   return pixels.getImageData(32, 18, 1, 1).data[0] - 30})()"""
@@ -136,7 +138,7 @@ def test_the_measures_next_to_the_video(page):
 
 
 def curve(page, name: str, kind: str) -> list[np.ndarray]:
-    """The parts of a curve or band as points (N, 2): frame number, and value on the axis of the curve."""
+    """The parts of a curve or band as points (N, 2): frame, and value on its axis."""
     ticks = [float(text) for text in page.texts(f"#curve-{name} .ticks span")]
     path = page.value(
         "document.querySelector(arguments[0]).getAttribute('d')",
@@ -177,7 +179,10 @@ def test_curves_have_gaps_and_a_band_of_one_standard_deviation(
 
 
 def test_levels_of_the_confidence_fill_the_strip(page):
-    bars = "[...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
+    bars = (
+        "[...document.querySelectorAll('.states path')]"
+        ".map(p => [p.className.baseVal, p.getAttribute('d')])"
+    )
     found = [(name, path) for name, path in page.value(bars) if name != "sure"]
     edges = [
         ("likely", 250, 255),
@@ -187,7 +192,8 @@ def test_levels_of_the_confidence_fill_the_strip(page):
     ]
     assert found == [(name, f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z") for name, a, b in edges]
     marks = page.value(
-        "[...document.querySelectorAll('.axis span')].map(s => [s.textContent, s.style.left])"
+        "[...document.querySelectorAll('.axis span')]"
+        ".map(s => [s.textContent, s.style.left])"
     )
     assert marks == [[f"0:0{second}", f"{10 * second}%"] for second in range(10)]
     legend = page.value("document.querySelector('.legend').innerText").split("\n")
@@ -280,9 +286,10 @@ def test_hostile_names_are_escaped_and_nothing_is_fetched(page):
     assert all(name.startswith(("blob:", "file:")) for name in fetched)
     assert page.value("document.title") == f"{HOSTILE}: lane report"
     assert page.texts("img") == [] and page.texts("h1") == [HOSTILE]
-    # The content security policy of the page also stops a script in markup that is inserted later.
+    # The policy of the page also stops a script in markup that is inserted later.
     page.execute_script(
-        "document.body.insertAdjacentHTML('beforeend', '<p onclick=\"document.title=1\" id=p>.</p>'); p.click()"
+        "document.body.insertAdjacentHTML("
+        "'beforeend', '<p onclick=\"document.title=1\" id=p>.</p>'); p.click()"
     )
     assert page.value("document.title") == f"{HOSTILE}: lane report"
     assert "Content Security Policy" in page.console()[0]
@@ -308,8 +315,10 @@ def test_the_page_fits_every_screen_and_scheme(page):
         # The click area lies exactly over the curves.
         gaps = page.execute_script("""
           const a = track.getBoundingClientRect();
-          return [...document.querySelectorAll("svg")].map(s => s.getBoundingClientRect())
-            .map(b => Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
+          const boxes = [...document.querySelectorAll("svg")]
+            .map(s => s.getBoundingClientRect());
+          return boxes.map(b =>
+            Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
         assert len(gaps) == 4 and max(gaps) < 0.6
     width, height = page.value(
         "(box => [box.width, box.height])(video.getBoundingClientRect())"
