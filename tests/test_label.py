@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -123,9 +124,17 @@ def test_an_image_without_a_lane_has_no_line(tmp_path, label):
 
 def test_a_line_that_is_not_seen_is_not_proposed():
     _, lane = tracked_bends()
-    proposed = [strip.name for strip in propose_lines(lane, BENDS.camera)]
-    seen = [lane.left.seen, lane.right.seen]
-    assert ("left" in proposed, "right" in proposed) == tuple(seen)
+    left, right = lane.evidence
+    inferred = replace(lane, evidence=(left, replace(right, seen=False)))
+    names_of = []
+    for some in (lane, inferred):
+        strips = propose_lines(some, BENDS.camera)
+        names_of.append({strip.name for strip in strips})
+    assert names_of[0] - names_of[1] == {"right"}
+    assert "left" in names_of[1]
+
+
+def test_no_lane_has_no_line():
     assert propose_lines(None, BENDS.camera) == ()
 
 

@@ -13,6 +13,7 @@ import pytest
 from lanes.images import write_image
 from lanes.labelme import columns_of
 from lanes.labels import label_rows, read_labels, read_predictions
+from lanes.score import score_stills
 from tests.support.labelme_files import labelme_file, line_strip
 
 SIZE = (1280, 720)
@@ -257,6 +258,12 @@ def test_a_folder_is_scored_against_json_lines_and_json_lines_against_it(tmp_pat
         assert (status, err) == (0, "")
         assert scores_of(out)[:3] == ["1", "1.000", "1.000"]
         assert "note:" not in out
+
+
+def test_a_missing_picture_has_the_size_of_its_label(tmp_path):
+    labels = read_labels(write_labels(tmp_path, LEFT, imageWidth=640, imageHeight=720))
+    (score,) = score_stills(labels, [None], [tmp_path / "a.png"])
+    assert score.size == (640, 720)
 
 
 def test_a_picture_of_another_size_than_its_label_is_refused(tmp_path, run):

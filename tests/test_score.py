@@ -831,6 +831,8 @@ def test_the_page_draws_labels_and_predictions_with_their_gaps(tmp_path, score):
     at_label = range(222, 229)
     assert shows(still.image, 315, at_label, BLUE)
     assert not shows(still.image, 356, at_label, BLUE)
+    beside_the_gap = range(30, 190)
+    assert not shows(still.image, 333, beside_the_gap, BLUE)
     assert shows(still.image, 356, at_label, WHITE)
     assert shows(still.image, 425, at_label, BLUE)
     at_prediction = range(298, 303)
