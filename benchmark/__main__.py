@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     output = "output folder (default: the current one)"
     parser.add_argument("-o", "--output", type=Path, default=Path("."), metavar="FOLDER", help=output)
     labelled = parser.add_argument_group("hand-labelled stills")
-    labels = "labels in TuSimple's format; raw_file is relative to this file"
-    labelled.add_argument("--labels", type=Path, metavar="JSONL", help=labels)
+    labels = "labels in TuSimple's format, raw_file is relative to this file; or a folder of labelme"
+    labelled.add_argument("--labels", type=Path, metavar="LABELS", help=labels)
     folders = "each top folder below the labels is another camera: its pose is estimated from its own labelled stills"
     labelled.add_argument("--each-folder", action="store_true", help=folders)
     add_lens(labelled)
@@ -94,12 +94,12 @@ def _score_labelled(options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on labelled stills."""
     from benchmark import real_roads as stills
     from benchmark.systems import STILL_SYSTEMS
-    from lanes.labels import read_labels
+    from lanes.labels import labels_folder, read_labels
 
     labels, every = read_labels(options.labels), dict[str, list]()
     for name in dict.fromkeys(label.folder if options.each_folder else "" for label in labels):
         some = [label for label in labels if name in ("", label.folder)]
-        options.files = [options.labels.parent / label.name for label in some]
+        options.files = [labels_folder(options.labels) / label.name for label in some]
         lens, settings = find_lens(options)
         systems = options.system or STILL_SYSTEMS
         scored, pose = stills.score_folder(some, options.files, lens, systems, markings=settings.markings)

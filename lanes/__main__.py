@@ -33,17 +33,19 @@ from lanes.detect.search import HEIGHT_RANGE_M, detect_still
 from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
 from lanes.errors import CameraError, LaneError, PoseError
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
+from lanes.label import describe_proposals, label_file, pick_stills, write_proposals
 from lanes.labels import (
     detect_in_sequence,
     detect_in_stills,
     detect_in_video,
     find_picture,
+    labels_folder,
     read_labels,
     read_predictions,
 )
 from lanes.many import annotate_many
 from lanes.pose.estimate import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
-from lanes.score import TUSIMPLE_SIZE, describe_predictions, score_still, score_tables, write_score_page
+from lanes.score import describe_predictions, score_stills, score_tables, write_score_page
 from lanes.show.draw import STYLES
 from lanes.show.explanation import explain, explain_tracked
 from lanes.video.images import kind_of_file, read_image, write_image
@@ -302,74 +304,93 @@ class Explain:
 
 
 class Label:
-    """Mark both lines of the ego lane in stills, in a page that only this machine can open. The labels are TuSimple
-    JSON lines, labels.jsonl next to the stills; the next run continues them. After a label is saved, the page can
-    show the lines that `detect` finds, for comparison.
+    """Prepare stills for labelme, the program to mark the lines with: beside each still, a JSON file of the
+    same name with the lines that are found in it. Files that are there stay. Of a video, stills are taken
+    first. The lines are line strips called left, right, far left and far right. After the lines of a still
+    are corrected, tick the flag `checked`: `score` leaves out the others (docs/own_camera.md).
     """
 
-    SUMMARY = "mark the lines of the lane in stills, as labels to score against"
-    EXAMPLES = "  {program} stills/\n  {program} --hfov 60 drive.mp4 --stills 50 -o my_labels"
+    SUMMARY = "prepare stills to mark their lines in labelme, as labels to score against"
+    EXAMPLES = (
+        "  {program} --hfov 60 stills/\n"
+        "  {program} --each photos/*.jpg\n"
+        "  {program} --hfov 60 drive.mp4 --stills 50 -o my_stills"
+    )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="folder of stills, or video")
+        words = "stills, folder of stills, or video"
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=words)
         _add_drive_options(parser, each=True)
-        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help="per video (default: 20)")
-        parser.add_argument("--no-browser", action="store_true", help="only print the address of the page")
-        parser.add_argument("-o", "--output", type=Path, help="folder of the labels (default: of the stills; labels)")
+        words = "number of stills to take from each video (default: %(default)s)"
+        parser.add_argument("--stills", type=bounded(int, 1), default=20, metavar="N", help=words)
+        _add_output(parser, "labels", "folder for the stills of videos")
 
     def run(self, options: argparse.Namespace) -> int:
-        try:
-            from lanes.label import label_stills
-        except ImportError as error:
-            raise OSError("label needs tornado, which is not installed; run pip install 'tornado>=6.6.1'.") from error
+        """Write the label files; returns 1 if a still was left out."""
         sources = find_sources(map(str, options.files))
-        options.output = options.output or (sources.stills[0].parent if sources.stills else Path("labels"))
-        print(label_stills(sources, _read_settings(options, sources), options.stills, browser=not options.no_browser))
-        return 0
+        settings = _read_settings(options, sources)
+        stills = list(sources.stills)
+        for video in sources.videos:
+            stills += pick_stills(video, settings, options.stills)
+
+        failures: list[LaneError] = []
+        written = write_proposals(stills, settings, failures)
+        print(describe_proposals(stills, written))
+        return _report_failures(failures, len(stills) - len(failures))
 
 
 class Score:
     """Score the lines that `detect` or any other program predicts in labelled stills, and write a page with the
-    worst stills. Both files are TuSimple JSON lines: raw_file, h_samples (rows; predictions may lack them),
-    lanes (columns, -2 for no point), optionally sides and confidence. A flat road is assumed for metres.
+    worst stills. Labels and predictions are TuSimple JSON lines: raw_file, h_samples (rows; predictions may
+    lack them), lanes (columns, -2 for no point), optionally sides and confidence. Or they are line strips of
+    labelme: a file, or a folder with its subfolders. A flat road is assumed for metres.
     """
 
     SUMMARY = "score predicted lines on labelled stills, and show the worst of them"
-    EXAMPLES = "  {program} labels.jsonl lanes.jsonl\n  {program} --camera camera.yaml labels.jsonl lanes.jsonl"
+    EXAMPLES = (
+        "  {program} stills/ lanes.jsonl\n"
+        "  {program} --camera camera.yaml labels.jsonl lanes.jsonl"
+    )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument("labels", type=Path, metavar="LABELS", help="labels; raw_file is relative to this file")
-        parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help="lines that a program predicts")
-        parser.add_argument("--camera", type=Path, metavar="YAML", help="camera file with a pose, for errors in metres")
+        words = "labels: a file, to which the names of the stills are relative, or a folder of labelme"
+        parser.add_argument("labels", type=Path, metavar="LABELS", help=words)
+        words = "lines that a program predicts, in the same forms"
+        parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help=words)
+        words = "camera file with a pose, for errors in metres"
+        parser.add_argument("--camera", type=Path, metavar="YAML", help=words)
         _add_output(parser, "score.html", "page to write")
 
     def run(self, options: argparse.Namespace) -> int:
-        labels, folder = read_labels(options.labels), options.labels.parent
-        predictions, camera = read_predictions(options.predictions, labels), None
-        if options.camera and not (camera := load_camera(options.camera)).pose:
+        labels = read_labels(options.labels)
+        predictions = read_predictions(options.predictions, labels)
+        camera = load_camera(options.camera) if options.camera else None
+        if camera and not camera.pose:
             raise CameraError(f"{options.camera}: holds no camera pose; use the file that `pose` writes.")
+
+        folder = labels_folder(options.labels)
         pictures = [find_picture(folder, label.name) for label in labels]
-        require_no_input_among([options.output], [options.labels, options.predictions, *pictures])
-        read = (lambda picture: camera.require_size(read_image(picture), picture)) if camera else read_image
-        assumed = camera.size if camera else TUSIMPLE_SIZE
-        sizes = [read(picture).shape[1::-1] if picture.is_file() else assumed for picture in pictures]
-        scores = [score_still(*some, camera) for some in zip(labels, predictions, sizes, strict=True)]
-        missing = [picture for picture, some in zip(pictures, predictions, strict=True) if not some]
-        gone = [picture for picture in pictures if not picture.is_file()]
+        label_files = map(label_file, pictures)
+        inputs = [options.labels, options.predictions, *pictures, *label_files]
+        require_no_input_among([options.output], inputs)
+
+        scores = score_stills(labels, predictions, pictures, camera)
         tables = score_tables(scores)
-        notes = "".join(
-            f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n"
-            for what, some in (
-                ("stills have no prediction", missing),
-                ("pictures are missing, sizes assumed", gone),
-                *describe_predictions(labels, predictions, pictures),
-            )
-            if some
-        )
         for title, table in tables.items():
             print(f"{title}:\n{format_table(*number_cells(table))}\n")
-        words = {"title": f"{options.predictions} on {options.labels}", "notes": notes}
-        print(f"{notes}wrote {write_score_page(options.output, folder, scores, tables, words)}")
+        notes = ""
+        for what, some in describe_predictions(labels, predictions, pictures):
+            if some:
+                notes += f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n"
+        page = write_score_page(
+            options.output,
+            scores,
+            pictures,
+            tables,
+            title=f"{options.predictions} on {options.labels}",
+            notes=notes,
+        )
+        print(f"{notes}wrote {page}")
         return 0
 
 
@@ -475,7 +496,8 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
     theirs.
     """
     own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
-    others = [path for path in sources.skipped if path not in own]
+    labels = {label_file(still) for still in sources.stills}
+    others = [path for path in sources.skipped if path not in own and path not in labels]
     for what, paths in (("neither a video nor an image", others), ("written by annotate", own)):
         if paths:
             print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)

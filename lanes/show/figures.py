@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import textwrap
 from collections import defaultdict
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,18 +74,25 @@ def rgb(colour: Colour) -> tuple[float, float, float]:
 
 
 def save_figure(figure: Figure, path: str | Path) -> Path:
-    """Write a figure atomically as .jpg or .png; the folder is created where needed. Returns the path.
+    """Write a figure atomically as .jpg or .png; the folder is created where needed.
 
-    Raises ValueError if the name has another suffix, or OSError if the folder cannot be written to.
+    Returns the path. Raises ValueError if the name has another suffix, or OSError if the
+    folder cannot be written to.
     """
     path = Path(path)
-    kind = figure_kind(path)
-    # Without the name of the software, which contains matplotlib's version.
-    options = {"pil_kwargs": {"quality": 85}} if kind == "jpeg" else {"metadata": {"Software": None}}
-    data = BytesIO()
-    figure.savefig(data, format=kind, **options)
-    write_atomically(path, data.getvalue())
+    write_atomically(path, encode_figure(figure, figure_kind(path)))
     return path
+
+
+def encode_figure(figure: Figure, kind: str, *, jpeg_quality: int = 85) -> bytes:
+    """The figure as a file of that `kind`, "jpeg" or "png"."""
+    data = BytesIO()
+    if kind == "jpeg":
+        figure.savefig(data, format=kind, pil_kwargs={"quality": jpeg_quality})
+    else:
+        # Without the name of the software, which contains matplotlib's version.
+        figure.savefig(data, format=kind, metadata={"Software": None})
+    return data.getvalue()
 
 
 def figure_kind(path: Path) -> str:
@@ -251,3 +258,81 @@ def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
 def _set_road_axes(axis: Axes) -> None:
     axis.set(xlim=(_ROAD_HALF_WIDTH_M, -_ROAD_HALF_WIDTH_M), ylim=(0, 52), xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
+
+
+# Figure of a scored still: labels and predictions in the image.
+
+_LABEL_COLOUR = "#00b7ff"
+_PREDICTION_COLOUR = "#ff7a00"
+# Instead of an image that is missing.
+_NO_IMAGE_COLOUR = "#30343a"
+_DOTS_PER_INCH = 100
+# Widths of the lines, points; those of the ego lane are thicker.
+_LINE_WIDTH = 1.5
+_LABEL_EGO_WIDTH = 4.5
+_PREDICTION_EGO_WIDTH = 2.5
+_DASHES = (0, (4, 2.5))
+
+
+@dataclass(frozen=True, eq=False)
+class ShownLine:
+    """A line in an image.
+
+    Attributes
+    ----------
+    points_px : ndarray (N, 2)
+        Column and row of each point, from the top down; NaN makes a gap.
+    ego : bool
+        Whether it is a line of the ego lane.
+    """
+
+    points_px: np.ndarray
+    ego: bool
+
+
+def show_scored_still(
+    image: np.ndarray | None,
+    *,
+    shown_size: tuple[int, int],
+    size: tuple[int, int],
+    label: Sequence[ShownLine],
+    prediction: Sequence[ShownLine],
+) -> tuple[Figure, Axes]:
+    """Draw the lines of a label and of a prediction into a still, None if it is missing.
+
+    The figure has `shown_size` (width, height), the lines are in a still of `size`.
+    """
+    # Without pyplot, which would keep each of many figures.
+    from matplotlib.figure import Figure
+
+    shown_width, shown_height = shown_size
+    figure = Figure(
+        figsize=(shown_width / _DOTS_PER_INCH, shown_height / _DOTS_PER_INCH),
+        dpi=_DOTS_PER_INCH,
+        facecolor=_NO_IMAGE_COLOUR,
+    )
+    axis = figure.add_axes((0, 0, 1, 1))
+    width, height = size
+    borders = (-0.5, width - 0.5, height - 0.5, -0.5)
+    if image is not None:
+        axis.imshow(image, extent=borders, aspect="auto")
+
+    for line in label:
+        axis.plot(
+            *line.points_px.T,
+            color=_LABEL_COLOUR,
+            lw=_LABEL_EGO_WIDTH if line.ego else _LINE_WIDTH,
+            solid_capstyle="butt",
+        )
+    for line in prediction:
+        axis.plot(
+            *line.points_px.T,
+            color=_PREDICTION_COLOUR,
+            lw=_PREDICTION_EGO_WIDTH if line.ego else _LINE_WIDTH,
+            ls=_DASHES,
+        )
+
+    left, right, bottom, top = borders
+    axis.set(xlim=(left, right), ylim=(bottom, top))
+    axis.set_axis_off()
+    return figure, axis

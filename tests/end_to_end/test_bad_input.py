@@ -25,6 +25,7 @@ from lanes.video.reader import inspect_video
 from tests.support import bad_files as badfiles
 from tests.support.clips import write_drive
 from tests.support.command_line import main
+from tests.support.labelme_files import labelme_file, line_strip
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import names
 
@@ -35,6 +36,7 @@ KINDS = {
     "camera": ("drive.yaml", badfiles.CAMERA),
     "labels": ("labels.jsonl", badfiles.LABELS | badfiles.OUTSIDE),
     "predictions": ("predictions.jsonl", badfiles.LABELS),
+    "labelme": ("label.json", badfiles.LABELME),
 }
 # Inputs of the commands: the kind of the file BAD, and the arguments; {in} is a folder of good files.
 CAMERA = ["--camera", "{in}/drive.yaml"]
@@ -55,6 +57,7 @@ INPUTS = {
     "calibrate": ("jpg", ["calibrate", "BAD", "-o", "{out}/drive.yaml"]),
     "labels": ("labels", ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"]),
     "predictions": ("predictions", ["score", "{in}/labels.jsonl", "BAD", "-o", "{out}/score.html"]),
+    "labels of labelme": ("labelme", ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"]),
     "labels of a benchmark": ("labels", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "BAD"]),
     "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
 }
@@ -87,6 +90,9 @@ def good(tmp_path_factory) -> Path:
         write_image(folder / f"still.{suffix}", BENDS.frame(0.0))
     label = {"h_samples": [200, 220, 240, 260, 280, 300], "lanes": [[300] * 6, [340] * 6]}
     *lines, bad = (json.dumps({"raw_file": f"{name}.png"} | label) + "\n" for name in ("a", "b", "c", "d", "bad/BAD"))
+    content = labelme_file("a.png", (640, 360), [line_strip("left", (300, 200), (300, 300))])
+    content["flags"] = {"checked": True}
+    (folder / "label.json").write_text(json.dumps(content, indent=2))
     for name, text in {"bad": bad, "labels": "".join(lines), "predictions": "".join(lines)}.items():
         (folder / f"{name}.jsonl").write_text(text)
     return folder

@@ -17,6 +17,7 @@ from tests.support.clips import write_drive
 from tests.support.command_line import PROGRAMS, main, popen, run, start
 from tests.support.painted_drive import BENDS
 from tests.support.project import ROOT, names
+from tests.test_report import page_data
 
 
 def commands() -> list[str]:
@@ -62,7 +63,8 @@ def test_the_command_to_copy_from_a_report_has_the_options_of_the_camera(tmp_pat
     given = "--hfov 110.0 --lens pinhole --camera-offset 0.2 --car-width 1.7 --lane-width 3.5 --height 1.3"
     assert main(["annotate", *given.split(), str(drive), "-o", str(tmp_path / "out")]) == 0
     page = (tmp_path / "out" / "my drive.html").read_text()
-    assert f"python -m lanes explain {given} '{drive}' --at " in page
+    command = f"python -m lanes explain {given} '{drive}' --at "
+    assert page_data(page)["command"] == command
     assert "0.20 m left of centre of the car, which is 1.7 m wide" in page
 
 

@@ -25,7 +25,7 @@ MODULES |= {name: name for name in ("benchmark.real_roads", "tools.ablation")}
 KNOWN = {*COMMANDS, *MODULES}
 # Options of git, pip, Dask, nbconvert and YOLOP.
 OF_OTHERS = {"--require-hashes", "--depth", "--version", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"}
-OF_OTHERS |= {"--to", "--execute", "--inplace", "--width"}
+OF_OTHERS |= {"--to", "--execute", "--inplace", "--width", "--validate-label"}
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 BENCHMARK = ROOT / "docs" / "benchmark"

@@ -60,7 +60,6 @@ def test_what_is_pinned_and_locked_is_in_the_declared_ranges():
     assert all(PINNED[name] in one.specifier for name, one in required.items())
     first = {name: version.release[:2] for name, version in lowest(PROJECT["dependencies"]).items()}
     assert first == {name: PINNED[name].release[:2] for name in required}
-    assert lowest(EXTRAS["label"]) == {"tornado": PINNED["tornado"]}
     assert lowest(EXTRAS["measuring"])["pytest"] == PINNED["pytest"]
     locked, wanted = pins("requirements.lock"), PINNED | lowest(EXTRAS["cluster"]) | lowest(EXTRAS["book"])
     assert wanted == {name: locked.get(name) for name in wanted}, "run `make lock`"
@@ -80,9 +79,9 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra, tornado another, rosbags and mcap the third. ipywidgets comes with Jupyter,
-    # moviepy with the course.
-    optional = {"dask", "distributed", "ipywidgets", "mcap", "moviepy", "tornado", "rosbags"}
+    # Dask and distributed are one extra, rosbags and mcap another. ipywidgets comes with Jupyter, moviepy with the
+    # course.
+    optional = {"dask", "distributed", "ipywidgets", "mcap", "moviepy", "rosbags"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 

@@ -1,4 +1,4 @@
-"""The pages of a report and of a score in Chromium: playing, clicks, keys, screen sizes and hostile names."""
+"""The pages of a report and of a score in Chromium."""
 
 from __future__ import annotations
 
@@ -20,7 +20,9 @@ HOSTILE = "<img src=x onerror=document.title='owned'>.mp4"
 # 200 frames of the story; each is as bright as its number.
 LENGTH_S = 10.0
 SHOWN_FRAME = """(() => {
-  const canvas = Object.assign(document.createElement("canvas"), {width: 64, height: 36});
+  const canvas = document.createElement("canvas");
+  canvas.width = 64;
+  canvas.height = 36;
   const pixels = canvas.getContext("2d");
   pixels.drawImage(video, 0, 0, 64, 36);
   return pixels.getImageData(32, 18, 1, 1).data[0] - 30})()"""
@@ -34,12 +36,21 @@ def folder(tmp_path_factory):
             writer.write(np.full((180, 320, 3), 30 + number, np.uint8))
     story_of = {"title": HOSTILE, "telemetry": story(), "settings": {"a": "b"}}
     write_report(folder / "inside.html", video=folder / HOSTILE, **story_of)
-    write_report(folder / "linked.html", video=folder / HOSTILE, max_embedded_bytes=0, **story_of)
+    write_report(
+        folder / "linked.html", video=folder / HOSTILE, max_embedded_bytes=0, **story_of
+    )
     long = {"title": "long", "telemetry": story(20_000, 2000.0), "settings": {}}
     long["telemetry"]["offset_m"][[12_345, 17_001]] = 3.0, -2.0
-    write_report(folder / "long.html", video=folder / HOSTILE, max_embedded_bytes=0, **long)
+    write_report(
+        folder / "long.html", video=folder / HOSTILE, max_embedded_bytes=0, **long
+    )
     (folder / "gone.mp4").write_bytes(b"0")
-    write_report(folder / "gone.html", video=folder / "gone.mp4", max_embedded_bytes=0, **story_of)
+    write_report(
+        folder / "gone.html",
+        video=folder / "gone.mp4",
+        max_embedded_bytes=0,
+        **story_of,
+    )
     (folder / "gone.mp4").unlink()
     return folder
 
@@ -60,7 +71,9 @@ def page(browser, folder):
 
 
 def text_of(page, name: str) -> str:
-    return page.value("document.getElementById('now-' + arguments[0]).textContent", name)
+    return page.value(
+        "document.getElementById('now-' + arguments[0]).textContent", name
+    )
 
 
 def seek(page, time_s: float) -> None:
@@ -70,8 +83,19 @@ def seek(page, time_s: float) -> None:
 
 def test_keys_play_and_seek(page):
     page.execute_script("track.focus()")
-    keys = [(Keys.ARROW_RIGHT, 1.0), (Keys.ARROW_UP, 2.0), (".", 2.05), (",", 2.0), (Keys.END, 9.95)]
-    keys += [(Keys.PAGE_DOWN, 0), (Keys.PAGE_UP, 9.95), (Keys.ARROW_LEFT, 8.95), (Keys.ARROW_DOWN, 7.95)]
+    keys = [
+        (Keys.ARROW_RIGHT, 1.0),
+        (Keys.ARROW_UP, 2.0),
+        (".", 2.05),
+        (",", 2.0),
+        (Keys.END, 9.95),
+    ]
+    keys += [
+        (Keys.PAGE_DOWN, 0),
+        (Keys.PAGE_UP, 9.95),
+        (Keys.ARROW_LEFT, 8.95),
+        (Keys.ARROW_DOWN, 7.95),
+    ]
     for key, expected in keys:
         page.press(key, until="!video.seeking")
         assert page.value("video.currentTime") == pytest.approx(expected, abs=0.02)
@@ -91,7 +115,9 @@ def test_a_click_on_the_curves_seeks(page, across):
     assert time_s == pytest.approx(across * LENGTH_S, abs=0.03)
     # The picture, the text and the cursor belong to the same frame.
     number = int(time_s * 20)
-    page.wait(f"Math.abs({SHOWN_FRAME} - {number}) <= 1")  # on a busy machine some time after the end of the seek
+    page.wait(
+        f"Math.abs({SHOWN_FRAME} - {number}) <= 1"
+    )  # on a busy machine some time after the end of the seek
     assert text_of(page, "time").endswith(f"frame {2000 + number}")
     state = story()["state"][number]
     assert text_of(page, "state") == state
@@ -104,40 +130,79 @@ def test_the_measures_next_to_the_video(page):
     assert unknown == ["offset unknown", "bend unknown", "unknown", "unknown | dashed"]
     seek(page, 2.0)
     assert text_of(page, "offset") == "0.27 ± 0.02 m left of centre"
-    assert text_of(page, "lines") == "yellow double solid | dashed" and text_of(page, "width") == "3.60 m"
+    assert (
+        text_of(page, "lines") == "yellow double solid | dashed"
+        and text_of(page, "width") == "3.60 m"
+    )
     assert text_of(page, "bend") == describe_bend(1e-3, 1e-4) == "bends left, R 1000 m"
 
 
 def curve(page, name: str, kind: str) -> list[np.ndarray]:
-    """The parts of a curve or band as points (N, 2): frame number, and value on the axis of the curve."""
+    """The parts of a curve or band as points (N, 2): frame, and value on its axis."""
     ticks = [float(text) for text in page.texts(f"#curve-{name} .ticks span")]
-    path = page.value("document.querySelector(arguments[0]).getAttribute('d')", f"#curve-{name} path.{kind}")
+    path = page.value(
+        "document.querySelector(arguments[0]).getAttribute('d')",
+        f"#curve-{name} path.{kind}",
+    )
     parts = [part.rstrip("Z").split("L") for part in path.split("M")[1:]]
     points = [np.array([point.split() for point in part], float) for part in parts]
-    return [np.column_stack([p[:, 0] / 5, ticks[-1] - p[:, 1] / 100 * (ticks[-1] - ticks[0])]) for p in points]
+    return [
+        np.column_stack(
+            [p[:, 0] / 5, ticks[-1] - p[:, 1] / 100 * (ticks[-1] - ticks[0])]
+        )
+        for p in points
+    ]
 
 
-@pytest.mark.parametrize(("name", "column", "unit"), [("offset", "offset", 1), ("curvature", "curvature", 1000)])
-def test_curves_have_gaps_and_a_band_of_one_standard_deviation(page, name, column, unit):
+@pytest.mark.parametrize(
+    ("name", "column", "unit"),
+    [("offset", "offset", 1), ("curvature", "curvature", 1000)],
+)
+def test_curves_have_gaps_and_a_band_of_one_standard_deviation(
+    page, name, column, unit
+):
     telemetry, suffix = story(), "_m" if name == "offset" else "_per_m"
-    values, std = unit * telemetry[column + suffix], unit * telemetry[f"{column}_std{suffix}"]
+    values, std = (
+        unit * telemetry[column + suffix],
+        unit * telemetry[f"{column}_std{suffix}"],
+    )
     lines, bands = curve(page, name, "line"), curve(page, name, "band")
-    for frames, line, band in zip((np.arange(90), np.arange(120, 200)), lines, bands, strict=True):
-        np.testing.assert_allclose(line, np.column_stack([frames, values[frames]]), atol=0.01)
+    for frames, line, band in zip(
+        (np.arange(90), np.arange(120, 200)), lines, bands, strict=True
+    ):
+        np.testing.assert_allclose(
+            line, np.column_stack([frames, values[frames]]), atol=0.01
+        )
         high, low = np.split(band, 2)
         np.testing.assert_allclose(high[:, 1] - line[:, 1], std[frames], atol=0.001)
         np.testing.assert_allclose(line[:, 1] - low[::-1, 1], std[frames], atol=0.001)
 
 
 def test_levels_of_the_confidence_fill_the_strip(page):
-    bars = "[...document.querySelectorAll('.states path')].map(p => [p.className.baseVal, p.getAttribute('d')])"
+    bars = (
+        "[...document.querySelectorAll('.states path')]"
+        ".map(p => [p.className.baseVal, p.getAttribute('d')])"
+    )
     found = [(name, path) for name, path in page.value(bars) if name != "sure"]
-    edges = [("likely", 250, 255), ("likely", 375, 380), ("none", 450, 600), ("likely", 750, 755)]
+    edges = [
+        ("likely", 250, 255),
+        ("likely", 375, 380),
+        ("none", 450, 600),
+        ("likely", 750, 755),
+    ]
     assert found == [(name, f"M{a:.2f} 0H{b:.2f}V100H{a:.2f}Z") for name, a, b in edges]
-    marks = page.value("[...document.querySelectorAll('.axis span')].map(s => [s.textContent, s.style.left])")
+    marks = page.value(
+        "[...document.querySelectorAll('.axis span')]"
+        ".map(s => [s.textContent, s.style.left])"
+    )
     assert marks == [[f"0:0{second}", f"{10 * second}%"] for second in range(10)]
     legend = page.value("document.querySelector('.legend').innerText").split("\n")
-    assert legend == ["confidence 0.9 or more 84%", "0.5 to 0.9 2%", "below 0.5 0%", "no lane 15%"]
+    assert legend == [
+        "confidence 0.9 or more 84%",
+        "0.5 to 0.9 2%",
+        "below 0.5 0%",
+        "no lane 15%",
+    ]
 
 
 def test_a_long_curve_keeps_its_peaks(browser, folder):
@@ -151,16 +216,27 @@ def test_a_long_curve_keeps_its_peaks(browser, folder):
 
 
 def moments(page, kind: str) -> list[tuple[float, str]]:
-    found = page.value("worstMoments()[arguments[0]].map(([i, text]) => [times[i], text])", kind)
+    found = page.value(
+        "worstMoments()[arguments[0]].map(([i, text]) => [times[i], text])", kind
+    )
     return [(round(time_s, 3), text) for time_s, text in found]
 
 
 def test_worst_moments_and_their_buttons(page):
-    assert moments(page, "Lane not seen") == [(4.5, "lost for 1.5 s"), (4.0, "coasting for 0.5 s")]
-    departures = [(6.5, "towards the right line, 1.0 s"), (1.0, "towards the left line, 0.5 s")]
+    assert moments(page, "Lane not seen") == [
+        (4.5, "lost for 1.5 s"),
+        (4.0, "coasting for 0.5 s"),
+    ]
+    departures = [
+        (6.5, "towards the right line, 1.0 s"),
+        (1.0, "towards the left line, 0.5 s"),
+    ]
     assert moments(page, "Lane departures") == departures
     # 3.75 s is too close to 2.5 s. Lost frames are left out.
-    assert moments(page, "Lowest confidence")[:2] == [(2.5, "confidence 0.50"), (7.5, "confidence 0.60")]
+    assert moments(page, "Lowest confidence")[:2] == [
+        (2.5, "confidence 0.50"),
+        (7.5, "confidence 0.60"),
+    ]
     assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
     assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
     headings = page.texts("nav h3")
@@ -174,13 +250,21 @@ def test_worst_moments_and_their_buttons(page):
 
 def show(browser, folder, telemetry, **options) -> None:
     words = {"title": "d", "settings": {}, "max_embedded_bytes": 0} | options
-    browser.open(write_report(folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **words))
+    browser.open(
+        write_report(
+            folder / "other.html", video=folder / HOSTILE, telemetry=telemetry, **words
+        )
+    )
 
 
 def test_a_single_lost_frame_has_one_moment(browser, folder):
     show(browser, folder, {name: column[100:101] for name, column in story().items()})
     assert len(moments(browser, "Lane not seen")) == 1
-    assert moments(browser, "Lowest confidence") == moments(browser, "Least certain bend") == []
+    assert (
+        moments(browser, "Lowest confidence")
+        == moments(browser, "Least certain bend")
+        == []
+    )
     assert browser.console() == []
 
 
@@ -202,9 +286,10 @@ def test_hostile_names_are_escaped_and_nothing_is_fetched(page):
     assert all(name.startswith(("blob:", "file:")) for name in fetched)
     assert page.value("document.title") == f"{HOSTILE}: lane report"
     assert page.texts("img") == [] and page.texts("h1") == [HOSTILE]
-    # The content security policy of the page also stops a script in markup that is inserted later.
+    # The policy of the page also stops a script in markup that is inserted later.
     page.execute_script(
-        "document.body.insertAdjacentHTML('beforeend', '<p onclick=\"document.title=1\" id=p>.</p>'); p.click()"
+        "document.body.insertAdjacentHTML("
+        "'beforeend', '<p onclick=\"document.title=1\" id=p>.</p>'); p.click()"
     )
     assert page.value("document.title") == f"{HOSTILE}: lane report"
     assert "Content Security Policy" in page.console()[0]
@@ -230,41 +315,83 @@ def test_the_page_fits_every_screen_and_scheme(page):
         # The click area lies exactly over the curves.
         gaps = page.execute_script("""
           const a = track.getBoundingClientRect();
-          return [...document.querySelectorAll("svg")].map(s => s.getBoundingClientRect())
-            .map(b => Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
+          const boxes = [...document.querySelectorAll("svg")]
+            .map(s => s.getBoundingClientRect());
+          return boxes.map(b =>
+            Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
         assert len(gaps) == 4 and max(gaps) < 0.6
-    width, height = page.value("(box => [box.width, box.height])(video.getBoundingClientRect())")
+    width, height = page.value(
+        "(box => [box.width, box.height])(video.getBoundingClientRect())"
+    )
     assert width / height == pytest.approx(320 / 180, rel=0.01)  # no bars
     backgrounds = []
     for dark in (False, True):
         page.set_dark(dark)
-        backgrounds.append(page.value("getComputedStyle(document.body).backgroundColor"))
+        backgrounds.append(
+            page.value("getComputedStyle(document.body).backgroundColor")
+        )
     assert len(set(backgrounds)) == 2
 
 
-def test_the_page_of_a_score_shows_tables_and_lines_and_runs_no_text(browser, tmp_path):
-    names, rows = [HOSTILE.replace(".mp4", ".png"), "gone.png"], np.arange(400.0, 700, 10)
-    write_image(tmp_path / names[0], np.full((720, 1280, 3), 90, np.uint8))
-    lines = np.array([np.where(rows == 500, -2.0, column) for column in (300, 900)])
-    labels = [LaneColumns(name, rows, lines) for name in names]
+HOSTILE_STILL = HOSTILE.replace(".mp4", ".png")
+NOTES = "note: <b>one</b> & {{data}}\n"
+
+
+@pytest.fixture
+def score_page(browser, tmp_path):
+    """The page of the scores of two stills, of which one is not there."""
+    pictures = [tmp_path / HOSTILE_STILL, tmp_path / "gone.png"]
+    write_image(pictures[0], np.full((720, 1280, 3), 90, np.uint8))
+    rows = np.arange(400.0, 700, 10)
+    lines = np.array([np.full(len(rows), 300.0), np.full(len(rows), 900.0)])
+    beside = LaneColumns("", rows, lines + 90, confidence=0.8)
+    exact = LaneColumns("", rows, lines)
     scores = [
-        score_still(label, LaneColumns("", rows, lines + shift, confidence=confidence))
-        for label, shift, confidence in zip(labels, (90, 0), (0.8, None), strict=True)
+        score_still(LaneColumns(HOSTILE_STILL, rows, lines), beside),
+        score_still(LaneColumns("gone.png", rows, lines), exact),
     ]
-    words = {"title": HOSTILE, "notes": "note: <b>one</b> & {{data}}\n"}
-    browser.open(write_score_page(tmp_path / "score.html", tmp_path, scores, score_tables(scores), words))
-    assert browser.value("document.title") == f"{HOSTILE}: score"
-    assert browser.texts("#notes")[0].strip() == words["notes"].strip()
-    captions = "[...document.querySelectorAll('figcaption')].map(c => c.firstChild.data)"
-    assert browser.value(captions) == names
-    assert browser.texts("#stills small") == ["wrong, confidence 0.80", "right, the picture is not there"]
-    assert len(browser.texts("#stills image")) == 1 and browser.texts("img, b") == []
-    # each line is drawn from its first point to its last, with a gap at row 500
-    paths = "[...document.querySelectorAll('path.label.ego')].slice(-2).map(p => p.getAttribute('d'))"
-    left, _ = browser.value(paths)
-    assert left.count("M") == 2 and left.startswith("M300 400L") and left.endswith("L300 690")
-    assert browser.value("getComputedStyle(document.querySelector('path.prediction')).strokeDasharray") != "none"
-    assert browser.texts("#tables tbody tr")[0].startswith("all2")
-    browser.set_size(420, 800)
-    assert browser.value("document.querySelector('#tables tbody th').offsetWidth") > 100
+    page = write_score_page(
+        tmp_path / "score.html",
+        scores,
+        pictures,
+        score_tables(scores),
+        title=HOSTILE,
+        notes=NOTES,
+    )
+    browser.open(page)
+    yield browser
     assert browser.console() == []
+
+
+def test_the_page_of_a_score_shows_names_and_notes_as_text(score_page):
+    assert score_page.value("document.title") == f"{HOSTILE}: score"
+    assert score_page.texts("#notes")[0].strip() == NOTES.strip()
+    assert score_page.texts("figcaption span") == [HOSTILE_STILL, "gone.png"]
+    assert score_page.texts("b, script") == []
+
+
+def test_the_page_of_a_score_shows_stills_and_tables(score_page):
+    shown = "[...document.images].map(image => image.naturalWidth)"
+    assert score_page.value(shown) == [960, 960]
+    facts = score_page.texts("#stills small")
+    assert facts == ["wrong, confidence 0.80", "right, the picture is not there"]
+    cells = score_page.texts("#tables tr:first-child > *")
+    assert [cell.strip() for cell in cells][8:10] == ["all", "2"]
+
+
+@pytest.mark.parametrize("width", [420, 1800])
+def test_the_page_of_a_score_fits_every_screen(score_page, width):
+    score_page.set_size(width, 800)
+    fits = "document.documentElement.scrollWidth <= innerWidth"
+    assert score_page.value(fits)
+    name_px = score_page.value("document.querySelector('tbody th').offsetWidth")
+    assert name_px > 100
+
+
+def test_the_page_of_a_score_runs_no_script(score_page):
+    score_page.execute_script(
+        "document.body.insertAdjacentHTML("
+        "'beforeend', '<p onclick=\"document.title=1\" id=p>.</p>'); p.click()"
+    )
+    assert score_page.value("document.title") == f"{HOSTILE}: score"
+    assert "Content Security Policy" in score_page.console()[0]

@@ -18,6 +18,7 @@ from lanes.files import read_telemetry
 from lanes.labels import LaneColumns, read_labels, read_predictions
 from lanes.score import score_still
 from tests.support.examples import examples
+from tests.support.labelme_files import labelme_file, line_strip
 from tests.support.painted_drive import CAMERA
 
 # Values that replace parts of a valid file.
@@ -27,6 +28,7 @@ JSON = st.recursive(
     ODD, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner), max_leaves=5
 )
 LABEL = {"raw_file": "a.jpg", "h_samples": [400, 410, 420, 430], "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]]}
+LABELME = labelme_file("a.jpg", (640, 720), [line_strip("left", (3, 400), (1, 720))])
 TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
 
 
@@ -107,6 +109,15 @@ def test_lanes_in_json_lines(path, data):
         assert lanes.ego_lane((1280, 720)).columns.shape == (2, len(lanes.rows))
         for pair in ((lanes, label), (label, lanes)):
             assert 0 <= score_still(*pair).values["ego accuracy"][0] <= 1 or len(lanes.rows)
+
+
+@examples(60)
+@given(damaged(LABELME).map(lambda content: json.dumps(content).encode()) | garbled(json.dumps(LABELME)))
+def test_lanes_of_labelme(path, data):
+    for lanes in assert_read_or_refused(read_labels, path, data) or ():
+        assert lanes.columns.shape == (len(lanes.columns), len(lanes.rows))
+        assert np.isfinite(lanes.columns).all()
+        assert lanes.ego_lane((1280, 720)).columns.shape == (2, len(lanes.rows))
 
 
 @examples(40)

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from lanes.camera.model import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FIT
-from lanes.detect.residuals import ROAD_M
 from lanes.detect.lane import Lane, telemetry_row
+from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import WIDTH
 from lanes.detect.search import detect_still, detect_with_own_pose, find_lane
 from lanes.errors import CameraError

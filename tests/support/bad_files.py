@@ -153,6 +153,27 @@ OUTSIDE = {
     "absolute name": (line('{"raw_file": "/etc/passwd", "h_samples": [1], "lanes": []}'), "lies outside"),
     "name above": (line('{"raw_file": "../x.png", "h_samples": [1], "lanes": []}'), "lies outside"),
 }
+
+
+def replaces(old: str, new: str) -> Spoil:
+    """Replace a text in the file."""
+
+    def spoil(path: Path, data: bytes) -> None:
+        assert old.encode() in data
+        path.write_bytes(data.replace(old.encode(), new.encode()))
+
+    return spoil
+
+
+LABELME = {
+    "renamed line": (replaces('"left"', '"lefft"'), "'lefft' .perhaps 'left'. is none of"),
+    "absolute image": (replaces('"a.png"', '"/etc/passwd"'), "lies outside"),
+    "image above": (replaces('"a.png"', '"../a.png"'), "lies outside"),
+    "no image": (replaces('"imagePath"', '"imagepath"'), "entry 'imagePath' is missing"),
+    "words for points": (replaces("200", '"x"'), "is not a file of labelme"),
+    "NaN for points": (replaces("200", "NaN"), "far outside"),
+    "a billion pixels": (replaces("640", "9" * 9), "an image of 999999999x360"),
+}
 TRUTH = {
     "no columns": (holds("frame\n0\n1\n2\n"), "lacks the column"),
     "words for numbers": (lambda path, data: path.write_bytes(data.replace(b"0.", b"x.")), "is not a truth file"),

@@ -11,7 +11,9 @@ const length = last > 0 ? 2 * times[last] - times[last - 1] : 1;
 
 function loadVideo() {
   const text = document.getElementById("video-data").textContent;
-  video.addEventListener("error", () => { document.getElementById("missing").hidden = false; });
+  video.addEventListener("error", () => {
+    document.getElementById("missing").hidden = false;
+  });
   if (!text) {
     video.src = video.dataset.link;
     return;
@@ -22,7 +24,10 @@ function loadVideo() {
   video.src = URL.createObjectURL(new Blob([bytes], { type: "video/mp4" }));
 }
 
-/** The last of `count` indices whose value, in ascending order by `valueAt`, is at most `limit`; 0 if none is. */
+/**
+ * The last of `count` indices whose value, in ascending order by `valueAt`, is at most
+ * `limit`; 0 if none is.
+ */
 function lastUpTo(limit, count, valueAt) {
   let low = 0;
   let high = count - 1;
@@ -37,32 +42,44 @@ function lastUpTo(limit, count, valueAt) {
 /** Index of the frame shown at a time: the last frame that starts before it. */
 const frameAt = (time) => lastUpTo(time + 1e-4, times.length, (i) => times[i]);
 
-/** The words in frame i; `changes` has an entry [first frame, words] for each change. */
-const wordsAt = (changes, i) => changes[lastUpTo(i, changes.length, (k) => changes[k][0])][1];
+/** The words in frame i; `changes` has [first frame, words] for each change. */
+function wordsAt(changes, i) {
+  const k = lastUpTo(i, changes.length, (change) => changes[change][0]);
+  return changes[k][1];
+}
 
 function clock(time) {
   const tenths = Math.round(time * 10);
-  return Math.floor(tenths / 600) + ":" + String(((tenths % 600) / 10).toFixed(1)).padStart(4, "0");
+  const seconds = ((tenths % 600) / 10).toFixed(1);
+  return Math.floor(tenths / 600) + ":" + seconds.padStart(4, "0");
 }
 
 function show() {
   const time = Math.min(video.currentTime, length);
   const i = frameAt(time);
-  const write = (name, text) => { document.getElementById("now-" + name).textContent = text; };
+  const offset = wordsAt(frames.offset, i);
+  const width = frames.lane_width_m[i];
+  const left = wordsAt(frames.left_types, i);
+  const right = wordsAt(frames.right_types, i);
+  const write = (name, text) => {
+    document.getElementById("now-" + name).textContent = text;
+  };
   cursor.style.left = (100 * time) / length + "%";
   write("time", clock(time) + ", frame " + frames.frame[i]);
   write("state", frames.state[i]);
-  write("offset", wordsAt(frames.offset, i));
+  write("offset", offset);
   write("bend", wordsAt(frames.bend, i));
   write("confidence", frames.confidence[i].toFixed(2));
-  write("width", frames.lane_width_m[i] === null ? "unknown" : frames.lane_width_m[i].toFixed(2) + " m");
-  write("lines", wordsAt(frames.left_types, i) + " | " + wordsAt(frames.right_types, i));
+  write("width", width === null ? "unknown" : width.toFixed(2) + " m");
+  write("lines", left + " | " + right);
   track.setAttribute("aria-valuenow", time.toFixed(2));
-  track.setAttribute("aria-valuetext", clock(time) + ", " + frames.state[i] + ", " + wordsAt(frames.offset, i));
+  const words = [clock(time), frames.state[i], offset].join(", ");
+  track.setAttribute("aria-valuetext", words);
 }
 
 function seek(time) {
-  // One millisecond after the start of the frame, so that rounding does not show the previous frame.
+  // One millisecond after the start of the frame, so that rounding does not show the
+  // previous frame.
   video.currentTime = Math.max(0, Math.min(time, times[last])) + 1e-3;
 }
 
@@ -74,9 +91,16 @@ function seekToPointer(event) {
 function seekByKey(event) {
   const i = frameAt(video.currentTime);
   const target = {
-    ArrowLeft: video.currentTime - 1, ArrowRight: video.currentTime + 1, ArrowDown: video.currentTime - 1,
-    ArrowUp: video.currentTime + 1, PageDown: video.currentTime - 10, PageUp: video.currentTime + 10,
-    Home: 0, End: times[last], ",": times[Math.max(i - 1, 0)], ".": times[Math.min(i + 1, last)],
+    ArrowLeft: video.currentTime - 1,
+    ArrowRight: video.currentTime + 1,
+    ArrowDown: video.currentTime - 1,
+    ArrowUp: video.currentTime + 1,
+    PageDown: video.currentTime - 10,
+    PageUp: video.currentTime + 10,
+    Home: 0,
+    End: times[last],
+    ",": times[Math.max(i - 1, 0)],
+    ".": times[Math.min(i + 1, last)],
   }[event.key];
   if (event.key === " ") video.paused ? video.play() : video.pause();
   else if (target !== undefined) seek(target);
@@ -98,37 +122,60 @@ const MAX_MOMENTS = 3;
 
 /** The longest runs of the wanted labels: frames, and texts with label and seconds. */
 function longestRuns(labels, wanted, words) {
-  const runs = runsOf(labels).filter(([label]) => wanted.includes(label))
-    .map(([label, first, end]) => [first, words(label), (times[end] ?? length) - times[first]]);
+  const runs = [];
+  for (const [label, first, end] of runsOf(labels)) {
+    const seconds = (times[end] ?? length) - times[first];
+    if (wanted.includes(label)) runs.push([first, words(label), seconds]);
+  }
   runs.sort((a, b) => b[2] - a[2]);
-  return runs.slice(0, MAX_MOMENTS).map(([first, text, seconds]) => [first, text + seconds.toFixed(1) + " s"]);
+  const longest = runs.slice(0, MAX_MOMENTS);
+  return longest.map(([first, text, seconds]) => [
+    first,
+    text + seconds.toFixed(1) + " s",
+  ]);
 }
 
-/** The lowest values within a second to either side, two seconds apart: closer moments show the same situation. */
+/**
+ * The lowest values within a second to either side, two seconds apart: closer moments
+ * show the same situation.
+ */
 function lowestValues(values, words) {
-  const order = [...times.keys()].filter((i) => values[i] !== null).sort((a, b) => values[a] - values[b]);
+  const order = [...times.keys()].filter((i) => values[i] !== null);
+  order.sort((a, b) => values[a] - values[b]);
   const chosen = [];
   for (const i of order) {
     const near = values.slice(frameAt(times[i] - 1), frameAt(times[i] + 1) + 1);
     const lowest = near.every((value) => value === null || value >= values[i]);
-    if (lowest && chosen.every((k) => Math.abs(times[k] - times[i]) > 1.99)) chosen.push(i);
+    const apart = chosen.every((k) => Math.abs(times[k] - times[i]) > 1.99);
+    if (lowest && apart) chosen.push(i);
     if (chosen.length === MAX_MOMENTS) break;
   }
   return chosen.map((i) => [i, words(Math.abs(values[i]))]);
 }
 
-const scaled = (values, factor) => values.map((value) => value === null ? null : factor * value);
+function scaled(values, factor) {
+  return values.map((value) => (value === null ? null : factor * value));
+}
 
 /** The worst moments by kind, from the worst on. */
 function worstMoments() {
-  const confidence = frames.confidence.map((value, i) => frames.state[i] === "lost" ? null : value);
+  const confidence = frames.confidence.map((value, i) =>
+    frames.state[i] === "lost" ? null : value,
+  );
+  // Negative, so that the largest standard deviations are the lowest values.
+  const offset = scaled(frames.offset_std_m, -1);
+  const bend = scaled(frames.curvature_std_per_m, -1000);
+  const notSeen = (state) => state + " for ";
+  const towards = (side) => `towards the ${side} line, `;
+  const confident = (value) => "confidence " + value.toFixed(2);
+  const metres = (std) => `± ${Math.max(std, 0.01).toFixed(2)} m`;
+  const perKilometre = (std) => `± ${std.toFixed(2)} per km`;
   return {
-    "Lane not seen": longestRuns(frames.state, ["lost", "coasting"], (state) => state + " for "),
-    "Lane departures": longestRuns(frames.departure, ["left", "right"], (side) => `towards the ${side} line, `),
-    "Lowest confidence": lowestValues(confidence, (value) => "confidence " + value.toFixed(2)),
-    // Negative, so that the largest standard deviations are the lowest values.
-    "Least certain offset": lowestValues(scaled(frames.offset_std_m, -1), (std) => `± ${Math.max(std, 0.01).toFixed(2)} m`),
-    "Least certain bend": lowestValues(scaled(frames.curvature_std_per_m, -1000), (std) => `± ${std.toFixed(2)} per km`),
+    "Lane not seen": longestRuns(frames.state, ["lost", "coasting"], notSeen),
+    "Lane departures": longestRuns(frames.departure, ["left", "right"], towards),
+    "Lowest confidence": lowestValues(confidence, confident),
+    "Least certain offset": lowestValues(offset, metres),
+    "Least certain bend": lowestValues(bend, perKilometre),
   };
 }
 
@@ -138,7 +185,10 @@ function add(parent, name, ...content) {
   return child;
 }
 
-/** Show the command that explains the frame at a time, and copy it where the browser allows that. */
+/**
+ * Show the command that explains the frame at a time, and copy it where the browser
+ * allows that.
+ */
 function copyCommand(time) {
   const box = document.getElementById("command");
   const text = frames.command + (frames.first_s + time).toFixed(3);
@@ -184,7 +234,9 @@ function drawLevels() {
   const svg = document.querySelector(".states svg");
   const counts = {};
   for (const [level, first, end] of runsOf(frames.level)) {
-    addPath(svg, level, `M${toX(times[first])} 0H${toX(times[end] ?? length)}V100H${toX(times[first])}Z`);
+    const from = toX(times[first]);
+    const to = toX(times[end] ?? length);
+    addPath(svg, level, `M${from} 0H${to}V100H${from}Z`);
     counts[level] = (counts[level] ?? 0) + end - first;
   }
   for (const [level, words] of Object.entries(frames.levels)) {
@@ -194,7 +246,10 @@ function drawLevels() {
   }
 }
 
-/** The limits of an axis and three to six round values between them; 1 % of the values may lie outside at each end. */
+/**
+ * The limits of an axis and three to six round values between them; 1 % of the values
+ * may lie outside at each end.
+ */
 function ticksOf(values, [low, high]) {
   const known = values.filter((value) => value !== null).sort((a, b) => a - b);
   if (known.length) {
@@ -203,41 +258,66 @@ function ticksOf(values, [low, high]) {
   }
   const wanted = (high - low) / 4;
   const power = 10 ** Math.floor(Math.log10(wanted));
-  const step = [1, 2, 5, 10].map((m) => m * power).sort((a, b) => Math.abs(a - wanted) - Math.abs(b - wanted))[0];
+  const steps = [1, 2, 5, 10].map((factor) => factor * power);
+  steps.sort((a, b) => Math.abs(a - wanted) - Math.abs(b - wanted));
+  const step = steps[0];
   const ticks = [];
-  for (let k = Math.floor(low / step + 1e-9); k <= Math.ceil(high / step - 1e-9); k++) ticks.push(k * step);
+  const lastTick = Math.ceil(high / step - 1e-9);
+  for (let k = Math.floor(low / step + 1e-9); k <= lastTick; k++) ticks.push(k * step);
   return ticks;
 }
 
-/** Runs of frames with a value; of a long drive those with the lowest and highest value of each of 1000 columns. */
+/**
+ * Runs of frames with a value; of a long drive those with the lowest and highest value
+ * of each of 1000 columns.
+ */
 function partsOf(values) {
   const size = times.length > 2000 ? times.length / 1000 : 1;
   const parts = [[]];
   for (let first = 0; first <= last; first += size) {
     const known = [];
-    for (let i = Math.ceil(first); i < first + size && i <= last; i++) if (values[i] !== null) known.push(i);
+    for (let i = Math.ceil(first); i < first + size && i <= last; i++) {
+      if (values[i] !== null) known.push(i);
+    }
+    if (!known.length) {
+      parts.push([]);
+      continue;
+    }
     known.sort((a, b) => values[a] - values[b]);
-    if (known.length) parts.at(-1).push(...[...new Set([known[0], known.at(-1)])].sort((a, b) => a - b));
-    else parts.push([]);
+    const ends = [...new Set([known[0], known.at(-1)])];
+    parts.at(-1).push(...ends.sort((a, b) => a - b));
   }
   return parts.filter((part) => part.length);
 }
 
-/** Draw values of the frames, null where unknown, with a band of one standard deviation to either side. */
+/**
+ * Draw values of the frames, null where unknown, with a band of one standard deviation
+ * to either side.
+ */
 function drawCurve(name, values, std, span) {
   const figure = document.getElementById("curve-" + name);
   const svg = figure.querySelector("svg");
   const ticks = ticksOf(values, span);
-  const toY = (value) => ((100 * (ticks.at(-1) - value)) / (ticks.at(-1) - ticks[0])).toFixed(2);
-  const join = (points) => "M" + points.map(([i, value]) => toX(times[i]) + " " + toY(value)).join("L");
+  const height = ticks.at(-1) - ticks[0];
+  const toY = (value) => ((100 * (ticks.at(-1) - value)) / height).toFixed(2);
+  const toPoint = ([i, value]) => toX(times[i]) + " " + toY(value);
+  const join = (points) => "M" + points.map(toPoint).join("L");
   for (const tick of ticks) {
-    add(figure.querySelector(".ticks"), "span", Number(tick.toPrecision(6))).style.top = toY(tick) + "%";
+    const text = Number(tick.toPrecision(6));
+    const mark = add(figure.querySelector(".ticks"), "span", text);
+    mark.style.top = toY(tick) + "%";
   }
   addPath(svg, "grid", ticks.map((tick) => `M0 ${toY(tick)}H1000`).join(""));
   const parts = partsOf(values);
   const beside = (part, sign) => part.map((i) => [i, values[i] + sign * std[i]]);
-  if (std) addPath(svg, "band", parts.map((p) => join([...beside(p, 1), ...beside(p, -1).reverse()]) + "Z").join(""));
-  addPath(svg, "line", parts.map((part) => join(part.map((i) => [i, values[i]]))).join(""));
+  if (std) {
+    const bands = parts.map(
+      (part) => join([...beside(part, 1), ...beside(part, -1).reverse()]) + "Z",
+    );
+    addPath(svg, "band", bands.join(""));
+  }
+  const lines = parts.map((part) => join(part.map((i) => [i, values[i]])));
+  addPath(svg, "line", lines.join(""));
 }
 
 function drawAxis() {
@@ -245,7 +325,8 @@ function drawAxis() {
   const step = steps.find((s) => length / s <= 10) || 7200;
   for (let time = 0; time <= length * 0.98; time += step) {
     const label = step < 1 ? clock(time) : clock(time).slice(0, -2);
-    add(document.querySelector(".axis"), "span", label).style.left = (100 * time) / length + "%";
+    const mark = add(document.querySelector(".axis"), "span", label);
+    mark.style.left = (100 * time) / length + "%";
   }
 }
 
@@ -259,18 +340,29 @@ track.addEventListener("pointerdown", (event) => {
   track.setPointerCapture(event.pointerId);
   seekToPointer(event);
 });
-track.addEventListener("pointermove", (event) => { if (event.buttons & 1) seekToPointer(event); });
+track.addEventListener("pointermove", (event) => {
+  if (event.buttons & 1) seekToPointer(event);
+});
 track.addEventListener("keydown", seekByKey);
-for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) video.addEventListener(name, show);
+for (const name of ["seeking", "seeked", "timeupdate", "pause", "loadeddata"]) {
+  video.addEventListener(name, show);
+}
 video.addEventListener("play", follow);
-// The style limits the height of the video. The width follows from it, so that there are no black bars.
+// The style limits the height of the video. The width follows from it, so that there
+// are no black bars.
 video.addEventListener("loadedmetadata", () => {
-  video.style.width = "min(100%, " + (62 * video.videoWidth) / video.videoHeight + "vh)";
+  const width = (62 * video.videoWidth) / video.videoHeight;
+  video.style.width = `min(100%, ${width}vh)`;
 });
 listMoments();
 drawLevels();
 drawCurve("offset", frames.offset_m, frames.offset_std_m, [-0.5, 0.5]);
-drawCurve("curvature", scaled(frames.curvature_per_m, 1000), scaled(frames.curvature_std_per_m, 1000), [-1, 1]);
+drawCurve(
+  "curvature",
+  scaled(frames.curvature_per_m, 1000),
+  scaled(frames.curvature_std_per_m, 1000),
+  [-1, 1],
+);
 drawCurve("confidence", frames.confidence, null, [0, 1]);
 drawAxis();
 show();
