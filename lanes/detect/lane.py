@@ -108,15 +108,20 @@ class LineEvidence:
     Attributes
     ----------
     support : float
-        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is a good dashed line.
+        Share of the line's visible rows, up to 50 m, that have markings on them: 0.3 is
+        a good dashed line.
     seen : bool
-        Whether the support is large enough; otherwise the line is inferred from other lines and the usual lane width.
+        Whether the support is large enough; otherwise the line is inferred from other
+        lines and the usual lane width.
     reach_m : float
-        Distance of the farthest marking on it, before a gap that is longer than those between dashes.
+        Distance of the farthest marking on it, before a gap that is longer than those
+        between dashes.
     start_m : float
-        Smallest distance at which a marking was seen on it in this track; large where the bonnet hides the road.
+        Smallest distance at which a marking was seen on it in this track; large where
+        the bonnet hides the road.
     edge : bool
-        Whether it is an edge of the road without paint: a kerb, or where the pavement ends.
+        Whether it is an edge of the road without paint: a kerb, or where the pavement
+        ends.
     """
 
     support: float = 0.0
@@ -310,37 +315,44 @@ class Lane(ByValue):
     Attributes
     ----------
     state : str
-        "found": detected in a single image; "searching": tracked, not yet confirmed; "tracking"; "coasting": not seen
-        now and predicted from before, or seen again in only a few frames.
+        "found": detected in a single image; "searching": tracked, not yet confirmed;
+        "tracking"; "coasting": not seen now and predicted from before, or seen again in
+        only a few frames.
     model : ndarray (15,)
         Parameters as in `lanes.detect.road`, for the stripes next to the lane.
     centres : ndarray (15,)
         The same for the centres of double lines, which the tracker follows.
     fit_covariance : ndarray (15, 15)
-        Covariance of the parameters for the noise that the fit or the filter assumes; see `covariance`.
+        Covariance of the parameters for the noise that the fit or the filter assumes;
+        see `covariance`.
     evidence : (LineEvidence, LineEvidence)
         Of the left and the right line.
     far_evidence : (LineEvidence or None, LineEvidence or None)
-        Of the far lines of the adjacent lanes to the left and to the right; see `adjacent`.
+        Of the far lines of the adjacent lanes to the left and to the right; see
+        `adjacent`.
     score : float
         Sum of the square roots of the lines' supports.
     clear_share : float
-        Of the stripes along the lane, on its lines and between them, the share on its lines. Tiles and bricks have
-        lines between those of the lane; so have two lanes that are taken for one.
+        Of the stripes along the lane, on its lines and between them, the share on its
+        lines. Tiles and bricks have lines between those of the lane; so have two lanes
+        that are taken for one.
     same_lane_share : float or None
-        Share of the camera poses tried that show this lane, if the pose was estimated from the same image.
+        Share of the camera poses tried that show this lane, if the pose was estimated
+        from the same image.
     camera_yaw_rad : float or None
-        Direction of the car's axis, seen from the camera as its pose says, positive left; None of a single image. It is
-        large if the yaw of the pose is wrong.
+        Direction of the car's axis, seen from the camera as its pose says, positive
+        left; None of a single image. It is large if the yaw of the pose is wrong.
     motion : CarMotion or None
-        Speed, path and course of the car; the speed is given, or estimated from the motion of the lane. None of a
-        single image.
+        Speed, path and course of the car; the speed is given, or estimated from the
+        motion of the lane. None of a single image.
     departure : Departure or None
         Time to line crossing; None of a single image.
     confidence_shift : float
-        Added to the log odds of the confidence; that of the network that found the markings (docs/own_network.md).
+        Added to the log odds of the confidence; that of the network that found the
+        markings (docs/own_network.md).
     camera : Camera or None
-        The camera with the pose that the lane was found with; the lines are relative to it.
+        The camera with the pose that the lane was found with; the lines are relative to
+        it.
     """
 
     model: np.ndarray
@@ -365,7 +377,8 @@ class Lane(ByValue):
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(15, 15) covariance of the errors of the parameters, given the camera pose."""
+        """(15, 15) covariance of the errors of the parameters, given the camera pose.
+        """
         factor = error_variance_factor(self.model, tracked=self.tracked)
         return factor * self.fit_covariance
 

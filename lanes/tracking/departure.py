@@ -50,8 +50,8 @@ def describe_crossings(
         return None
     return (
         f"the tyres would be on a line in {crossing.sum()} of {likely.sum()} frames if "
-        f"the car is {car_width_m:g} m wide and the camera in its middle; otherwise give "
-        "--camera-offset or --car-width."
+        f"the car is {car_width_m:g} m wide and the camera in its middle; otherwise "
+        "give --camera-offset or --car-width."
     )
 
 
