@@ -30,8 +30,16 @@ class PiecewiseLinear:
     values: Any
 
     def __post_init__(self) -> None:
-        stations, values = np.array(self.stations_m, float), np.array(self.values, float)
-        if stations.ndim != 1 or not len(stations) or stations.shape != values.shape or (np.diff(stations) <= 0).any():
+        stations, values = (
+            np.array(self.stations_m, float),
+            np.array(self.values, float),
+        )
+        if (
+            stations.ndim != 1
+            or not len(stations)
+            or stations.shape != values.shape
+            or (np.diff(stations) <= 0).any()
+        ):
             raise ValueError("a road needs increasing stations and one value for each.")
         object.__setattr__(self, "stations_m", stations)
         object.__setattr__(self, "values", values)
@@ -47,7 +55,11 @@ class PiecewiseLinear:
     def integral(self, s_m: np.ndarray | float) -> np.ndarray:
         """Exact integral from the first station to arc lengths `s_m`."""
         s = np.asarray(s_m, float)
-        knot = np.clip(np.searchsorted(self.stations_m, s, side="right") - 1, 0, len(self.stations_m) - 1)
+        knot = np.clip(
+            np.searchsorted(self.stations_m, s, side="right") - 1,
+            0,
+            len(self.stations_m) - 1,
+        )
         ahead = s - self.stations_m[knot]
         rate = np.where(s < self.stations_m[0], 0.0, self.rate(s))
         return self._knots[0][knot] + self.values[knot] * ahead + rate * ahead**2 / 2
@@ -56,7 +68,9 @@ class PiecewiseLinear:
     def _knots(self) -> tuple[np.ndarray, np.ndarray]:
         """Integrals at the stations, and rates before, between and after them. A frame reads them often."""
         steps = np.diff(self.stations_m) * (self.values[1:] + self.values[:-1]) / 2
-        rates = np.concatenate([[0.0], np.diff(self.values) / np.diff(self.stations_m), [0.0]])
+        rates = np.concatenate(
+            [[0.0], np.diff(self.values) / np.diff(self.stations_m), [0.0]]
+        )
         return np.concatenate([[0.0], np.cumsum(steps)]), rates
 
 
@@ -93,7 +107,11 @@ class RoadGeometry(PiecewiseLinear):
     profile: HeightProfile = FLAT
 
     # At arc lengths in metres: 1/m, 1/m^2, and radians relative to the start.
-    curvature, curvature_rate, heading = PiecewiseLinear.value, PiecewiseLinear.rate, PiecewiseLinear.integral
+    curvature, curvature_rate, heading = (
+        PiecewiseLinear.value,
+        PiecewiseLinear.rate,
+        PiecewiseLinear.integral,
+    )
 
     def position(self, s_m: np.ndarray | float) -> np.ndarray:
         """World points (..., 2) in metres at arc lengths `s_m`, exact to rounding."""
@@ -107,13 +125,17 @@ class RoadGeometry(PiecewiseLinear):
         """Arc lengths at most 1 m apart, including all stations, and the positions there."""
         start, end = self.stations_m[0] - EXTENSION_M, self.stations_m[-1] + EXTENSION_M
         nodes = np.union1d(np.arange(start, end + 1), self.stations_m)
-        points = np.vstack([[0.0, 0.0], np.cumsum(self._displacement(nodes[:-1], nodes[1:]), axis=0)])
+        points = np.vstack(
+            [[0.0, 0.0], np.cumsum(self._displacement(nodes[:-1], nodes[1:]), axis=0)]
+        )
         return nodes, points - points[np.searchsorted(nodes, self.stations_m[0])]
 
     def _displacement(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
         """Vectors (..., 2) between arc lengths with no station in between, by Gauss-Legendre quadrature."""
         half = (end_m - start_m) / 2
-        headings = self.heading((start_m + end_m)[..., None] / 2 + half[..., None] * GAUSS_NODES)
+        headings = self.heading(
+            (start_m + end_m)[..., None] / 2 + half[..., None] * GAUSS_NODES
+        )
         directions = np.stack([np.cos(headings), np.sin(headings)], axis=-1)
         return np.einsum("...gk,g->...k", directions, GAUSS_WEIGHTS) * half[..., None]
 
@@ -142,7 +164,9 @@ class VehiclePose:
         return road.heading(s_m) - self.absolute_heading(road)
 
 
-def offset_point(road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float) -> np.ndarray:
+def offset_point(
+    road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float
+) -> np.ndarray:
     """World points (..., 2) at road coordinates (s, d)."""
     angle = road.heading(s_m)
     normal = np.stack([-np.sin(angle), np.cos(angle)], axis=-1)
@@ -159,7 +183,9 @@ class LinePolynomial:
     c3_per_m2: float
 
 
-def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> LinePolynomial:
+def line_polynomial(
+    road: RoadGeometry, pose: VehiclePose, lateral_m: float
+) -> LinePolynomial:
     """Taylor coefficients, at x = 0 in the car's frame, of the line at lateral distance `lateral_m`; exact.
 
     A parallel line at distance d has curvature k / (1 - k d), whose derivative along that line is k' / (1 - k d)^3.
@@ -173,10 +199,14 @@ def line_polynomial(road: RoadGeometry, pose: VehiclePose, lateral_m: float) -> 
     rate = float(road.curvature_rate(s)[0]) / stretch**3
     secant = 1 / np.cos(angle)
     c3 = secant**4 * (rate + 3 * curvature**2 * np.tan(angle))
-    return LinePolynomial(float(y), float(np.tan(angle)), float(curvature * secant**3), float(c3))
+    return LinePolynomial(
+        float(y), float(np.tan(angle)), float(curvature * secant**3), float(c3)
+    )
 
 
-def line_lateral(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+def line_lateral(
+    road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray
+) -> np.ndarray:
     """Lateral position y in metres, in the car's frame, of the line at lateral distance `lateral_m`, at `x_m`; exact.
 
     x is the horizontal distance ahead, also on slopes. NaN where the line turns by more than 80 degrees from the car's
@@ -190,23 +220,37 @@ def line_lateral(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: n
     return y
 
 
-def surface_points(road: RoadGeometry, pose: VehiclePose, s_m: np.ndarray, lateral_m: np.ndarray | float) -> np.ndarray:
+def surface_points(
+    road: RoadGeometry,
+    pose: VehiclePose,
+    s_m: np.ndarray,
+    lateral_m: np.ndarray | float,
+) -> np.ndarray:
     """Points (..., 3) of the road surface at road coordinates (s, d), in the car's frame: x forward, y left, z up."""
     level = pose.to_car(road, offset_point(road, s_m, lateral_m))
-    return np.concatenate([level, np.asarray(road.profile.height_above_plane(s_m, pose.s_m))[..., None]], axis=-1)
+    return np.concatenate(
+        [level, np.asarray(road.profile.height_above_plane(s_m, pose.s_m))[..., None]],
+        axis=-1,
+    )
 
 
-def _farthest_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m: float) -> float:
+def _farthest_x(
+    road: RoadGeometry, pose: VehiclePose, lateral_m: float, until_m: float
+) -> float:
     """Largest x that the line reaches before it has turned by MAX_TURN_RAD, at most `until_m`."""
     s = pose.s_m + np.arange(0.0, 2 * until_m + 20.0, 0.25)
     turned = np.abs(pose.turn_to(road, s)) > MAX_TURN_RAD
     if not turned.any():
         return until_m
-    x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[:, 0]
+    x = pose.to_car(road, offset_point(road, s[: int(np.argmax(turned))], lateral_m))[
+        :, 0
+    ]
     return min(until_m, float(x.max(initial=-np.inf)))
 
 
-def _station_at_x(road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray) -> np.ndarray:
+def _station_at_x(
+    road: RoadGeometry, pose: VehiclePose, lateral_m: float, x_m: np.ndarray
+) -> np.ndarray:
     """Arc lengths at which the line at `lateral_m` reaches `x_m` in the car's frame, by Newton's method."""
     s = pose.s_m + x_m
     for _ in range(30):
