@@ -34,7 +34,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     out = "folder that holds these folders (default: the current one)"
     parser.add_argument("--out", type=Path, default=Path("."), help=out)
     longest = "maximum length of a video in seconds (default: %(default)s)"
-    parser.add_argument("--seconds", type=bounded(float, 0.04, 10), default=10.0, metavar="S", help=longest)
+    parser.add_argument(
+        "--seconds",
+        type=bounded(float, 0.04, 10),
+        default=10.0,
+        metavar="S",
+        help=longest,
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -44,7 +50,9 @@ def run(options: argparse.Namespace) -> int:
     from simulator.scenes.suite import render_scene, write_course_video, write_stills
 
     if options.scene:
-        print(f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}")
+        print(
+            f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}"
+        )
         return 0
     with translate_write_errors(options.out):
         options.out.mkdir(parents=True, exist_ok=True)
@@ -52,14 +60,25 @@ def run(options: argparse.Namespace) -> int:
     jobs = {
         "boards": partial(write_boards, options.out / "camera_cal"),
         "stills": partial(write_stills, options.out / "test_images"),
-        "video": partial(write_course_video, videos, "project_video", seconds=options.seconds),
-        "challenge": partial(write_course_video, videos, "challenge_video", seconds=options.seconds),
-        "harder": partial(write_course_video, videos, "harder_challenge_video", seconds=options.seconds),
+        "video": partial(
+            write_course_video, videos, "project_video", seconds=options.seconds
+        ),
+        "challenge": partial(
+            write_course_video, videos, "challenge_video", seconds=options.seconds
+        ),
+        "harder": partial(
+            write_course_video,
+            videos,
+            "harder_challenge_video",
+            seconds=options.seconds,
+        ),
     }
     for name, job in jobs.items():
         if options.what in (name, "all"):
             written = job(progress=progress_line(name))
-            print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in total")
+            print(
+                f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in total"
+            )
     return 0
 
 

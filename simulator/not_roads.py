@@ -15,7 +15,9 @@ def not_a_road(kind: str, seed: int) -> np.ndarray:
     """Picture (720, 1280, 3) uint8 RGB of a kind of `KINDS`; with sensor noise."""
     rng = np.random.default_rng([seed, sorted(KINDS).index(kind)])
     image = KINDS[kind](rng).astype(np.float32)
-    return np.clip(image + rng.normal(0, rng.uniform(1, 8), image.shape), 0, 255).astype(np.uint8)
+    return np.clip(
+        image + rng.normal(0, rng.uniform(1, 8), image.shape), 0, 255
+    ).astype(np.uint8)
 
 
 def _colour(rng: np.random.Generator, low: int = 0, high: int = 255) -> Colour:
@@ -50,13 +52,24 @@ def _tiles(rng: np.random.Generator) -> np.ndarray:
 
 def _room(rng: np.random.Generator) -> np.ndarray:
     """Four walls in perspective with bright edges, and furniture."""
-    image, middle = _wall(rng), np.array([WIDTH / 2, HEIGHT / 2]) + rng.integers(-60, 60, 2)
+    image, middle = (
+        _wall(rng),
+        np.array([WIDTH / 2, HEIGHT / 2]) + rng.integers(-60, 60, 2),
+    )
     outer = np.array([[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]], float)
     inner = middle + 0.35 * (outer - middle)
     for k in range(4):
-        face = np.array([outer[k], outer[(k + 1) % 4], inner[(k + 1) % 4], inner[k]], np.int32)
+        face = np.array(
+            [outer[k], outer[(k + 1) % 4], inner[(k + 1) % 4], inner[k]], np.int32
+        )
         cv2.fillPoly(image, [face], _colour(rng, 100, 230))
-        cv2.line(image, face[0].tolist(), face[3].tolist(), (240, 240, 235), int(rng.integers(3, 12)))
+        cv2.line(
+            image,
+            face[0].tolist(),
+            face[3].tolist(),
+            (240, 240, 235),
+            int(rng.integers(3, 12)),
+        )
     for _ in range(5):
         x, y = rng.integers([100, 300], [WIDTH - 200, HEIGHT - 150]).tolist()
         w, h = rng.integers([60, 40], [260, 140]).tolist()
@@ -68,16 +81,28 @@ def _map(rng: np.random.Generator) -> np.ndarray:
     image = np.full((HEIGHT, WIDTH, 3), (240, 236, 228), np.uint8)
     streets = ((255, 255, 255), (250, 220, 120), (200, 200, 200), (160, 200, 250))
     for _ in range(25):
-        path = rng.uniform(0, [WIDTH, HEIGHT]) + np.cumsum(rng.normal(0, 90, (8, 2)), axis=0)
-        cv2.polylines(image, [path.astype(np.int32)], False, streets[rng.integers(4)], int(rng.integers(4, 16)))
+        path = rng.uniform(0, [WIDTH, HEIGHT]) + np.cumsum(
+            rng.normal(0, 90, (8, 2)), axis=0
+        )
+        cv2.polylines(
+            image,
+            [path.astype(np.int32)],
+            False,
+            streets[rng.integers(4)],
+            int(rng.integers(4, 16)),
+        )
     return image
 
 
 def _text(rng: np.random.Generator) -> np.ndarray:
     image = np.full((HEIGHT, WIDTH, 3), 250, np.uint8)
     for y in range(40, HEIGHT, 34):
-        line = "".join("abcdefghijklmnopqrstuvwxyz      "[k] for k in rng.integers(0, 32, 60))
-        cv2.putText(image, line, (40, y), cv2.FONT_HERSHEY_SIMPLEX, 0.9, (20, 20, 20), 2)
+        line = "".join(
+            "abcdefghijklmnopqrstuvwxyz      "[k] for k in rng.integers(0, 32, 60)
+        )
+        cv2.putText(
+            image, line, (40, y), cv2.FONT_HERSHEY_SIMPLEX, 0.9, (20, 20, 20), 2
+        )
     return image
 
 
@@ -89,20 +114,29 @@ def _colour_bars(rng: np.random.Generator) -> np.ndarray:
 def _circles(rng: np.random.Generator) -> np.ndarray:
     image = _wall(rng)
     for _ in range(6):
-        centre, radius = rng.integers([WIDTH, HEIGHT]).tolist(), int(rng.integers(40, 260))
-        cv2.circle(image, centre, radius, _colour(rng), int(rng.choice([cv2.FILLED, 12, 25])))
+        centre, radius = (
+            rng.integers([WIDTH, HEIGHT]).tolist(),
+            int(rng.integers(40, 260)),
+        )
+        cv2.circle(
+            image, centre, radius, _colour(rng), int(rng.choice([cv2.FILLED, 12, 25]))
+        )
     return image
 
 
 def _clouds(rng: np.random.Generator) -> np.ndarray:
     coarse = rng.normal(120, 60, (HEIGHT // 16, WIDTH // 16, 3))
-    return np.clip(cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC), 0, 255)
+    return np.clip(
+        cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC), 0, 255
+    )
 
 
 def _blinds(rng: np.random.Generator) -> np.ndarray:
     image, period, angle = _wall(rng), rng.uniform(20, 60), rng.uniform(0, np.pi)
     y, x = np.mgrid[:HEIGHT, :WIDTH]
-    image[(x * np.cos(angle) + y * np.sin(angle)) % period < 0.3 * period] = _colour(rng, 150, 255)
+    image[(x * np.cos(angle) + y * np.sin(angle)) % period < 0.3 * period] = _colour(
+        rng, 150, 255
+    )
     return image
 
 
@@ -110,12 +144,31 @@ def _books(rng: np.random.Generator) -> np.ndarray:
     image = _wall(rng)
     for y in range(0, HEIGHT, 180):
         for x in np.cumsum(rng.integers(15, 60, 60)).tolist():
-            cv2.rectangle(image, (x, y + int(rng.integers(10, 50))), (x + 40, y + 165), _colour(rng), cv2.FILLED)
+            cv2.rectangle(
+                image,
+                (x, y + int(rng.integers(10, 50))),
+                (x + 40, y + 165),
+                _colour(rng),
+                cv2.FILLED,
+            )
         cv2.rectangle(image, (0, y + 165), (WIDTH, y + 180), (90, 60, 30), cv2.FILLED)
     return image
 
 
 KINDS: dict[str, Callable[[np.random.Generator], np.ndarray]] = {
-    **{"wall": _wall, "bricks": _bricks, "tiles": _tiles, "room": _room, "map": _map, "text": _text},
-    **{"colour bars": _colour_bars, "circles": _circles, "clouds": _clouds, "blinds": _blinds, "books": _books},
+    **{
+        "wall": _wall,
+        "bricks": _bricks,
+        "tiles": _tiles,
+        "room": _room,
+        "map": _map,
+        "text": _text,
+    },
+    **{
+        "colour bars": _colour_bars,
+        "circles": _circles,
+        "clouds": _clouds,
+        "blinds": _blinds,
+        "books": _books,
+    },
 }

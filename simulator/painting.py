@@ -1,7 +1,8 @@
 """Seeded noise, and polygons drawn through the lens.
 
-Noise is fields for hills, leaves, concrete and paint, and tiles that are sampled in road
-coordinates. Polygons are clipped, projected, drawn with anti-aliasing, and composited.
+Noise is fields for hills, leaves, concrete and paint, and tiles that are sampled in
+road coordinates. Polygons are clipped, projected, drawn with anti-aliasing, and
+composited.
 """
 
 from __future__ import annotations
@@ -305,10 +306,10 @@ def paint_polygons(
 ) -> None:
     """Paint anti-aliased convex polygons over a canvas, in place.
 
-    `polygons_px` (N, 2) are raw pixels; later ones are in front, empty ones are skipped.
-    `colours` (F, 3) are linear RGB, `opacity` (F,) is 1 by default. `softness_px` is the
-    standard deviation of the blur of the whole group, so that no edge is sharper than
-    the lens allows.
+    `polygons_px` (N, 2) are raw pixels; later ones are in front, empty ones are
+    skipped. `colours` (F, 3) are linear RGB, `opacity` (F,) is 1 by default.
+    `softness_px` is the standard deviation of the blur of the whole group, so that no
+    edge is sharper than the lens allows.
     """
     points = np.concatenate([np.empty((0, 2)), *polygons_px])
     if not len(points):

@@ -27,12 +27,20 @@ MAX_DEFAULT_WORKERS = 8
 
 def available_workers() -> int:
     """Number of CPUs that this process may use, at most MAX_DEFAULT_WORKERS."""
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(os.cpu_count() or 1)
+    allowed = (
+        os.sched_getaffinity(0)
+        if hasattr(os, "sched_getaffinity")
+        else range(os.cpu_count() or 1)
+    )
     return min(len(allowed), MAX_DEFAULT_WORKERS)
 
 
 def map_ordered(
-    function: Callable[[Job], Result], jobs: Iterable[Job], *, workers: int | None = None, ahead: int | None = None
+    function: Callable[[Job], Result],
+    jobs: Iterable[Job],
+    *,
+    workers: int | None = None,
+    ahead: int | None = None,
 ) -> Generator[Result]:
     """Yield the results of `function` in the order of the jobs; close the generator to end the workers early.
 
@@ -70,10 +78,14 @@ def run_all(
     return results
 
 
-def _map_on_workers(function: Callable, jobs: Iterator, workers: int, ahead: int) -> Generator:
+def _map_on_workers(
+    function: Callable, jobs: Iterator, workers: int, ahead: int
+) -> Generator:
     # Not forked: a forked child inherits the locks of OpenCV's and FFmpeg's thread pools without their threads.
     spawn = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(workers, mp_context=spawn, initializer=_start_worker, initargs=(function,))
+    pool = ProcessPoolExecutor(
+        workers, mp_context=spawn, initializer=_start_worker, initargs=(function,)
+    )
     try:
         with sigint_blocked():
             submitted = deque(pool.submit(_run_job, job) for job in islice(jobs, ahead))

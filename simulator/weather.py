@@ -39,12 +39,17 @@ class Fog:
 
     def transmittance(self, distance_m: np.ndarray | float) -> np.ndarray:
         """Transmittance at distances of any shape: the share of contrast that is left."""
-        return np.exp(np.float32(np.log(JUST_SEEN) / self.visibility_m) * np.asarray(distance_m, np.float32))
+        return np.exp(
+            np.float32(np.log(JUST_SEEN) / self.visibility_m)
+            * np.asarray(distance_m, np.float32)
+        )
 
     def atmosphere_at(self, distance_m: float) -> Atmosphere:
         """Fog in front of an object at a distance."""
         transmittance = np.full(3, self.transmittance(distance_m), np.float32)
-        return Atmosphere(transmittance, np.array(self.colour, np.float32) * (1 - transmittance))
+        return Atmosphere(
+            transmittance, np.array(self.colour, np.float32) * (1 - transmittance)
+        )
 
     def apply_to_ground(self, light: np.ndarray, ground: Ground) -> None:
         """Apply the fog to the light of the ground (rows, width, 3), in place."""
@@ -53,7 +58,9 @@ class Fog:
     def apply_to_sky(self, light: np.ndarray, up: np.ndarray) -> None:
         """Apply the fog to the backdrop, in place; `up` is the z component (rows, width) of the directions."""
         # Hills are treated like the sky just above the horizon.
-        self._veil(light, self.transmittance(self.height_m / np.maximum(up, np.float32(1e-3))))
+        self._veil(
+            light, self.transmittance(self.height_m / np.maximum(up, np.float32(1e-3)))
+        )
 
     def _veil(self, light: np.ndarray, transmittance: np.ndarray) -> None:
         # cv2, because numpy is slow where the innermost axis has three elements.
@@ -69,7 +76,10 @@ TOWN_GLOW = np.array([0.010, 0.007, 0.005], np.float32)
 # Low beam: half width, and the distance beyond which the light on the road falls steeply.
 BEAM_HALF_WIDTH_RAD, BEAM_RANGE_M = 0.32, 20.0
 # Lamps of vehicle bodies in their own frame: (x, y, z) of one lamp of a pair, colour times brightness.
-TAIL_LIGHT, HEADLIGHT = np.array([1.0, 0.05, 0.03]) * 3.0, np.array([1.0, 0.93, 0.80]) * 25.0
+TAIL_LIGHT, HEADLIGHT = (
+    np.array([1.0, 0.05, 0.03]) * 3.0,
+    np.array([1.0, 0.93, 0.80]) * 25.0,
+)
 LAMPS = {
     "sedan": (((-2.24, 0.64, 0.84), TAIL_LIGHT), ((2.12, 0.62, 0.66), HEADLIGHT)),
     "suv": (((-2.22, 0.68, 0.98), TAIL_LIGHT), ((2.16, 0.66, 0.80), HEADLIGHT)),
@@ -98,35 +108,59 @@ class Night:
     retroreflection: float = 3.0
     street_lamp: float = 0.10
 
-    def beam(self, x_m: np.ndarray, y_m: np.ndarray, *, upright: bool = False) -> np.ndarray:
+    def beam(
+        self, x_m: np.ndarray, y_m: np.ndarray, *, upright: bool = False
+    ) -> np.ndarray:
         """Light of the headlights at positions of any shape, on level ground or on `upright` surfaces.
 
         Level ground is lit at a grazing angle, so its light falls with one more power of the distance.
         """
         distance2 = (np.hypot(x_m, y_m) / BEAM_RANGE_M) ** 2
-        aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(BEAM_HALF_WIDTH_RAD)
+        aside = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1))) / np.float32(
+            BEAM_HALF_WIDTH_RAD
+        )
         fall = 1 / (1 + distance2) ** (1.0 if upright else 1.5)
         return np.float32(self.headlights) * fall * np.exp(-(np.abs(aside) ** 2.5))
 
     def ground_light(self, ground: Ground, objects: list[SceneObject]) -> np.ndarray:
         """Light (rows, width, 3) on the ground from headlights, street lamps and sky."""
-        x, y = (cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) for a in (ground.x, ground.y))
+        x, y = (
+            cv2.resize(a, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+            for a in (ground.x, ground.y)
+        )
         light = self.beam(x, y)[..., None] * HALOGEN + np.float32(self.ambient)
         for lamp in objects:
             if isinstance(lamp, Post) and lamp.arm_m:
                 # Cosine of incidence over squared distance, 1 below the lamp.
-                below = (1 + ((x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2) / lamp.height_m**2) ** -1.5
-                light += (np.float32(self.street_lamp) * below**1.5)[..., None].astype(np.float32) * SODIUM
-        return cv2.resize(light.astype(np.float32), ground.x.shape[::-1], interpolation=cv2.INTER_LINEAR)
+                below = (
+                    1
+                    + ((x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2)
+                    / lamp.height_m**2
+                ) ** -1.5
+                light += (np.float32(self.street_lamp) * below**1.5)[..., None].astype(
+                    np.float32
+                ) * SODIUM
+        return cv2.resize(
+            light.astype(np.float32),
+            ground.x.shape[::-1],
+            interpolation=cv2.INTER_LINEAR,
+        )
 
     def object_light(self, places_m: np.ndarray) -> np.ndarray:
         """Light (N, 3) on objects at positions (N, 2)."""
-        return self.beam(*places_m.T, upright=True)[:, None] * HALOGEN + np.float32(self.ambient)
+        return self.beam(*places_m.T, upright=True)[:, None] * HALOGEN + np.float32(
+            self.ambient
+        )
 
     def markings(self, markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
         """The markings with colours multiplied by the retroreflection."""
         gain = self.retroreflection
-        return tuple(replace(m, colour=(gain * m.colour[0], gain * m.colour[1], gain * m.colour[2])) for m in markings)
+        return tuple(
+            replace(
+                m, colour=(gain * m.colour[0], gain * m.colour[1], gain * m.colour[2])
+            )
+            for m in markings
+        )
 
     def darken_sky(self, light: np.ndarray, up: np.ndarray) -> None:
         """Turn a backdrop by day into one at night near a town, in place; `up` is z (rows, width) of the directions."""
@@ -161,7 +195,11 @@ def find_lamps(objects: list[SceneObject]) -> list[Lamp]:
                 axis = turn @ np.array([np.sign(x), 0, 0])
                 facing = max(0.0, float(-axis @ place / np.linalg.norm(place))) ** 2
                 at = [place + turn @ np.array([x, side * y, z]) for side in (1, -1)]
-                lamps += [Lamp(p, light * facing) for p in (at if y else at[:1]) if facing > 0.05 and p[0] > 1]
+                lamps += [
+                    Lamp(p, light * facing)
+                    for p in (at if y else at[:1])
+                    if facing > 0.05 and p[0] > 1
+                ]
     return lamps
 
 
@@ -169,20 +207,28 @@ def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
     """Lamps of `find_lamps` that are not hidden by a nearer vehicle."""
     lamps = find_lamps(objects)
     seen = list(zip(lamps, lamp_pixels(camera, lamps).tolist(), strict=True))
-    for car in (item for item in objects if isinstance(item, Car) and item.x_m > MIN_OCCLUDER_M):
+    for car in (
+        item for item in objects if isinstance(item, Car) and item.x_m > MIN_OCCLUDER_M
+    ):
         pixels = camera.road_to_pixels(car.outline_m())
-        hull = cv2.convexHull(pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32))
+        hull = cv2.convexHull(
+            pixels[np.isfinite(pixels).all(axis=1)].astype(np.float32)
+        )
         if hull is None:  # outside the field of view of the lens
             continue
         # Its own lamps that face the camera are nearer than its centre.
         until_m = np.linalg.norm(car.foot_m)
         seen = [
-            (lamp, px) for lamp, px in seen if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
+            (lamp, px)
+            for lamp, px in seen
+            if lamp.distance_m < until_m or cv2.pointPolygonTest(hull, px, False) <= 0
         ]
     return [lamp for lamp, _ in seen]
 
 
-def lamp_pixels(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) -> np.ndarray:
+def lamp_pixels(
+    camera: Camera, lamps: list[Lamp], *, mirrored: bool = False
+) -> np.ndarray:
     """Pixels (N, 2) of the lamps, or of their mirror images in level ground; NaN outside the view of the lens."""
     places = np.array([lamp.place_m for lamp in lamps]).reshape(-1, 3)
     return camera.road_to_pixels(places * [1, 1, -1 if mirrored else 1])
@@ -191,30 +237,40 @@ def lamp_pixels(camera: Camera, lamps: list[Lamp], *, mirrored: bool = False) ->
 def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
     """Add lamps and their glow to the light, in place."""
     height, width = light.shape[:2]
-    glow: np.ndarray = np.zeros((height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32)
+    glow: np.ndarray = np.zeros(
+        (height // GLOW_DOWNSAMPLING, width // GLOW_DOWNSAMPLING, 3), np.float32
+    )
     for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps), strict=True):
         if not (0 <= u < width - 1 and 0 <= v < height - 1):
             continue
         radius = camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m
         _add_disc(light, u, v, radius, lamp.light)
         # Energy of the disc in one coarse pixel.
-        glow[int(v) // GLOW_DOWNSAMPLING % len(glow), int(u) // GLOW_DOWNSAMPLING % glow.shape[1]] += (
-            lamp.light * np.pi * max(radius, 0.5) ** 2 / GLOW_DOWNSAMPLING**2
-        )
+        glow[
+            int(v) // GLOW_DOWNSAMPLING % len(glow),
+            int(u) // GLOW_DOWNSAMPLING % glow.shape[1],
+        ] += lamp.light * np.pi * max(radius, 0.5) ** 2 / GLOW_DOWNSAMPLING**2
     scale = height / 720 / GLOW_DOWNSAMPLING
-    spread: Any = sum(np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale) for size, share in HALOS)
+    spread: Any = sum(
+        np.float32(share) * cv2.GaussianBlur(glow, (0, 0), size * scale)
+        for size, share in HALOS
+    )
     glow = cv2.resize(spread, (width, height), interpolation=cv2.INTER_LINEAR)
     light += glow
 
 
-def _add_disc(light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray) -> None:
+def _add_disc(
+    light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray
+) -> None:
     """Add a soft disc, in place; discs smaller than a pixel are dimmed by their area."""
     sigma = max(radius / 1.5, 0.7)
     reach = int(3 * sigma) + 1
     top, left = max(int(v) - reach, 0), max(int(u) - reach, 0)
     part = light[top : int(v) + reach + 1, left : int(u) + reach + 1]
     rows, columns = np.mgrid[top : top + part.shape[0], left : left + part.shape[1]]
-    disc = np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * sigma**2)) * min(1.0, (radius / 1.5 / sigma) ** 2)
+    disc = np.exp(-((rows - v) ** 2 + (columns - u) ** 2) / (2 * sigma**2)) * min(
+        1.0, (radius / 1.5 / sigma) ** 2
+    )
     part += (disc[..., None] * colour).astype(np.float32)
 
 
@@ -245,17 +301,30 @@ def add_falling_drops(light: np.ndarray, *, seed: int) -> None:
 def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> None:
     """Change the light (height, width, 3) to that behind a wet windscreen with drops and wiper, in place."""
     height, width = light.shape[:2]
-    small = cv2.resize(light, (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(
+        light,
+        (width // DROP_DOWNSAMPLING, height // DROP_DOWNSAMPLING),
+        interpolation=cv2.INTER_AREA,
+    )
     blurred = cv2.GaussianBlur(small, (0, 0), 0.012 * height / DROP_DOWNSAMPLING)
     cover = np.zeros(small.shape[:2], np.float32)
-    map_u, map_v = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in small.shape[1::-1]))
+    map_u, map_v = np.meshgrid(
+        *(np.arange(n, dtype=np.float32) for n in small.shape[1::-1])
+    )
     cycle = int(np.floor(time_s / WIPE_EVERY_S))
-    drops = np.concatenate([_drops_of_cycle(number, time_s, seed) for number in (cycle - 1, cycle)])
+    drops = np.concatenate(
+        [_drops_of_cycle(number, time_s, seed) for number in (cycle - 1, cycle)]
+    )
     for at_u, at_v, radius in drops * [width, height, height] / DROP_DOWNSAMPLING:
         _lay_drop(cover, map_u, map_v, at_u, at_v, radius)
     _lay_blade(cover, map_u, map_v, time_s)
-    seen = cv2.remap(blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
-    seen, cover = (cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR) for a in (seen, cover))
+    seen = cv2.remap(
+        blurred, map_u, map_v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT
+    )
+    seen, cover = (
+        cv2.resize(a, (width, height), interpolation=cv2.INTER_LINEAR)
+        for a in (seen, cover)
+    )
     blend(light, seen, cover)
 
 
@@ -280,18 +349,28 @@ def _drops_of_cycle(number: int, time_s: float, seed: int) -> np.ndarray:
 def _lay_drop(cover, map_u, map_v, at_u: float, at_v: float, radius: float) -> None:
     """Add the coverage and the refracted view of a drop, in place."""
     reach = int(1.6 * radius) + 2
-    part = np.s_[max(int(at_v) - reach, 0) : int(at_v) + reach + 1, max(int(at_u) - reach, 0) : int(at_u) + reach + 1]
-    rows, columns = (np.arange(size, dtype=np.float32)[cut] for size, cut in zip(cover.shape, part, strict=True))
+    part = np.s_[
+        max(int(at_v) - reach, 0) : int(at_v) + reach + 1,
+        max(int(at_u) - reach, 0) : int(at_u) + reach + 1,
+    ]
+    rows, columns = (
+        np.arange(size, dtype=np.float32)[cut]
+        for size, cut in zip(cover.shape, part, strict=True)
+    )
     du, dv = columns - np.float32(at_u), rows[:, None] - np.float32(at_v)
     # The edge of the drop is wide, because the camera is focused on the road.
-    inside = np.clip(1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75) / np.float32(0.75)
+    inside = np.clip(
+        1.25 - np.hypot(du, dv * np.float32(0.85)) / np.float32(radius), 0, 0.75
+    ) / np.float32(0.75)
     better = inside > cover[part]
     map_u[part] = np.where(better, at_u - DROP_MINIFICATION * du, map_u[part])
     map_v[part] = np.where(better, at_v - DROP_MINIFICATION * dv, map_v[part])
     cover[part] = np.maximum(cover[part], inside * np.float32(0.9))
 
 
-def _lay_blade(cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, time_s: float) -> None:
+def _lay_blade(
+    cover: np.ndarray, map_u: np.ndarray, map_v: np.ndarray, time_s: float
+) -> None:
     """Add the moving wiper blade, in place: a blurred bar with the colour of the bottom of the image."""
     height, width = cover.shape
     share = (time_s % WIPE_EVERY_S) / WIPE_S
@@ -317,8 +396,15 @@ def _streaks(height: int, width: int) -> np.ndarray:
     for _ in range(260):
         u, v = rng.uniform(0, layer.shape[1]), rng.uniform(0, layer.shape[0])
         # Drops move away from the focus of expansion.
-        toward = np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0]) * height * rng.uniform(0.02, 0.07)
-        start, end = (np.rint(np.array(p) * 16).astype(int).tolist() for p in ((u, v), (u + toward[0], v + toward[1])))
+        toward = (
+            np.array([(u / layer.shape[1] - 0.5) * 0.5, 1.0])
+            * height
+            * rng.uniform(0.02, 0.07)
+        )
+        start, end = (
+            np.rint(np.array(p) * 16).astype(int).tolist()
+            for p in ((u, v), (u + toward[0], v + toward[1]))
+        )
         cv2.line(layer, start, end, (float(rng.uniform(0.2, 1.0)),), 1, cv2.LINE_AA, 4)
     return cv2.merge([cv2.GaussianBlur(layer, (0, 0), 0.8)] * 3)
 
@@ -335,14 +421,22 @@ class Wet:
 
         The coverage varies by noise, as ruts hold more water.
         """
-        upright = np.float32(height_m) / np.sqrt(ground.distance * ground.distance + np.float32(height_m**2))
+        upright = np.float32(height_m) / np.sqrt(
+            ground.distance * ground.distance + np.float32(height_m**2)
+        )
         mirrored = np.float32(WATER) + np.float32(1 - WATER) * (1 - upright) ** 5
         puddles = ground.noise(seed + 81, (5.0, 0.45), octaves=3, fading_m=12.0)
-        return mirrored * np.clip(np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95)
+        return mirrored * np.clip(
+            np.float32(self.film) * (1 + np.float32(0.22) * puddles), 0, 0.95
+        )
 
 
 def add_lamp_reflections(
-    light: np.ndarray, camera: Camera, lamps: list[Lamp], share: np.ndarray, open_to: np.ndarray
+    light: np.ndarray,
+    camera: Camera,
+    lamps: list[Lamp],
+    share: np.ndarray,
+    open_to: np.ndarray,
 ) -> None:
     """Add the reflections of lamps in the road to the light (height, width, 3), in place.
 
@@ -350,20 +444,39 @@ def add_lamp_reflections(
     (height, width) the mask of the visible road.
     """
     height, width = light.shape[:2]
-    layer = np.zeros((height // STREAK_DOWNSAMPLING, width // STREAK_DOWNSAMPLING, 3), np.float32)
-    rows, columns = np.mgrid[: len(layer), : layer.shape[1]].astype(np.float32) * STREAK_DOWNSAMPLING
+    layer = np.zeros(
+        (height // STREAK_DOWNSAMPLING, width // STREAK_DOWNSAMPLING, 3), np.float32
+    )
+    rows, columns = (
+        np.mgrid[: len(layer), : layer.shape[1]].astype(np.float32)
+        * STREAK_DOWNSAMPLING
+    )
     horizon = float(camera.road_to_pixels(np.array([[3000.0, 0.0]]))[0, 1])
-    for lamp, (u, v) in zip(lamps, lamp_pixels(camera, lamps, mirrored=True), strict=True):
+    for lamp, (u, v) in zip(
+        lamps, lamp_pixels(camera, lamps, mirrored=True), strict=True
+    ):
         if not (-50 < u < width + 50 and v < 2 * height):
             continue
         wide = max(camera.matrix[0, 0] * STREAK_WIDE_M / lamp.distance_m, 2.0)
         long = max(STREAK_LONG * (v - horizon), 4.0)
         # The lamp's energy is spread over the streak.
-        energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (2 * wide * long)
-        first, last = (max(int((u + reach) / STREAK_DOWNSAMPLING), -2) for reach in (-3 * wide, 3 * wide))
+        energy = (camera.matrix[0, 0] * lamp.radius_m / lamp.distance_m) ** 2 / (
+            2 * wide * long
+        )
+        first, last = (
+            max(int((u + reach) / STREAK_DOWNSAMPLING), -2)
+            for reach in (-3 * wide, 3 * wide)
+        )
         at = slice(max(first, 0), last + 2)
-        streak = np.exp(-((columns[:, at] - u) ** 2) / (2 * wide**2) - (rows[:, at] - v) ** 2 / (2 * long**2))
-        layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(np.float32)
-    layer = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR)[height - len(share) :]
+        streak = np.exp(
+            -((columns[:, at] - u) ** 2) / (2 * wide**2)
+            - (rows[:, at] - v) ** 2 / (2 * long**2)
+        )
+        layer[:, at] += (np.float32(energy) * streak)[..., None] * lamp.light.astype(
+            np.float32
+        )
+    layer = cv2.resize(layer, (width, height), interpolation=cv2.INTER_LINEAR)[
+        height - len(share) :
+    ]
     layer *= cv2.merge([share * open_to[height - len(share) :]] * 3)
     light[height - len(share) :] += layer

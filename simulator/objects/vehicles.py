@@ -16,7 +16,14 @@ from numpy.typing import ArrayLike
 
 from simulator.light.sunlight import irradiance
 from simulator.objects.standing import Standing, upright_rectangle
-from simulator.painting import Atmosphere, Canvas, composite, face_normals, paint_polygons, smoothstep
+from simulator.painting import (
+    Atmosphere,
+    Canvas,
+    composite,
+    face_normals,
+    paint_polygons,
+    smoothstep,
+)
 
 PAINTS = {
     "white": (0.74, 0.74, 0.72),
@@ -27,8 +34,17 @@ PAINTS = {
     "red": (0.26, 0.014, 0.014),
     "beige": (0.42, 0.37, 0.28),
 }
-GLASS, RUBBER, PLASTIC, CLOTH = (0.03, 0.035, 0.04), (0.018, 0.018, 0.019), (0.02, 0.02, 0.021), (0.03, 0.04, 0.06)
-TAIL_LAMP, HEADLAMP, PLATE = (0.17, 0.008, 0.010), (0.50, 0.52, 0.55), (0.72, 0.72, 0.70)
+GLASS, RUBBER, PLASTIC, CLOTH = (
+    (0.03, 0.035, 0.04),
+    (0.018, 0.018, 0.019),
+    (0.02, 0.02, 0.021),
+    (0.03, 0.04, 0.06),
+)
+TAIL_LAMP, HEADLAMP, PLATE = (
+    (0.17, 0.008, 0.010),
+    (0.50, 0.52, 0.55),
+    (0.72, 0.72, 0.70),
+)
 
 # Rings of a body: height, rear end, front end, half width (metres), and exponent of the superellipse. The fifth ring is
 # the waist line; the windows are between the seventh and the ninth.
@@ -55,8 +71,12 @@ AXLES_M = (-1.40, 1.38)
 # Rear end, front end and half width on the ground, metres.
 FOOTPRINTS = {"truck": (-6.0, 6.0, 1.2), "motorcycle": (-1.0, 0.95, 0.14)}
 CAR_FOOTPRINT = (-2.35, 2.3, 0.88)
-BOX_FACES = np.array([[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]])
-BOX_CORNERS = np.array([[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
+BOX_FACES = np.array(
+    [[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7], [3, 2, 1, 0]]
+)
+BOX_CORNERS = np.array(
+    [[x, y, z] for z in (-1, 1) for x, y in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+)
 
 
 class Faces(NamedTuple):
@@ -79,13 +99,19 @@ def _part(corners_m: ArrayLike, albedo: ArrayLike, layer: int = 0) -> np.ndarray
     """Faces of one or of several materials as rows (F, 16): four corners, albedo and layer."""
     corners = np.reshape(corners_m, (-1, 12))
     count = len(corners)
-    return np.column_stack([corners, np.broadcast_to(albedo, (count, 3)), np.full(count, layer)])
+    return np.column_stack(
+        [corners, np.broadcast_to(albedo, (count, 3)), np.full(count, layer)]
+    )
 
 
 @lru_cache(maxsize=8)
 def outline_points(body: str) -> np.ndarray:
     """Points (N, 3) on a vehicle in its own frame, whose projected hull is its outline."""
-    faces = _loft(BODIES[body], 8) if body in BODIES else vehicle_faces(body, "black").corners_m
+    faces = (
+        _loft(BODIES[body], 8)
+        if body in BODIES
+        else vehicle_faces(body, "black").corners_m
+    )
     return faces.reshape(-1, 3)
 
 
@@ -98,8 +124,12 @@ def _loft(rings: np.ndarray, around: int) -> np.ndarray:
     y = width * np.sign(s) * np.abs(s) ** (2 / power)
     # The bonnet slopes down.
     forward = np.clip((x - 0.9) / 1.5, 0, 1)
-    grid = np.stack([x, y, z - 0.20 * forward**1.5 * np.clip((z - 0.45) / 0.5, 0, 1)], axis=-1)
-    return np.stack([grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2)
+    grid = np.stack(
+        [x, y, z - 0.20 * forward**1.5 * np.clip((z - 0.45) / 0.5, 0, 1)], axis=-1
+    )
+    return np.stack(
+        [grid[:-1, :-1], grid[:-1, 1:], grid[1:, 1:], grid[1:, :-1]], axis=2
+    )
 
 
 def _even_angles(count: int) -> np.ndarray:
@@ -111,7 +141,9 @@ def _even_angles(count: int) -> np.ndarray:
     turn = np.abs(np.diff(np.unwrap(np.arctan2(dy, dx)), prepend=np.pi / 2))
     # More points at rear and front than on the flanks, because drivers mostly see the rear and the front.
     length = np.hypot(dx, 2.5 * dy)
-    spent = np.concatenate([[0], np.cumsum(length / length.sum() + 1.2 * turn / turn.sum())])
+    spent = np.concatenate(
+        [[0], np.cumsum(length / length.sum() + 1.2 * turn / turn.sum())]
+    )
     return np.interp(np.linspace(0, spent[-1], count + 1), spent, angle)
 
 
@@ -127,13 +159,26 @@ def _car(body: str, paint: str) -> list[np.ndarray]:
     parts = [_part(cells, albedo.reshape(-1, 3)), _part(plate, PLATE, 1)]
     for side in (-1, 1):
         inner, outer = (0.42, 0.72) if side > 0 else (-0.72, -0.42)
-        tail = upright_rectangle(rear - 0.05, (inner, outer), (waist - 0.12, waist + 0.04))
+        tail = upright_rectangle(
+            rear - 0.05, (inner, outer), (waist - 0.12, waist + 0.04)
+        )
         head = upright_rectangle(front + 0.05, (outer, inner), (0.48, 0.62))
         parts += [_part(tail, TAIL_LAMP, 1), _part(head, HEADLAMP, 1)]
         flank = side * (rings[2, 3] + 0.01)
         for x in AXLES_M:
-            parts.append(_box((x - 0.3, x + 0.3), sorted((0.8 * flank, flank)), (0.0, 0.6), RUBBER, -1))
-            wheel = [(x + side * u, flank, z) for u, z in ((0.3, 0.1), (-0.3, 0.1), (-0.3, 0.5), (0.3, 0.5))]
+            parts.append(
+                _box(
+                    (x - 0.3, x + 0.3),
+                    sorted((0.8 * flank, flank)),
+                    (0.0, 0.6),
+                    RUBBER,
+                    -1,
+                )
+            )
+            wheel = [
+                (x + side * u, flank, z)
+                for u, z in ((0.3, 0.1), (-0.3, 0.1), (-0.3, 0.5), (0.3, 0.5))
+            ]
             parts.append(_part(wheel, RUBBER, 1))
     return parts
 
@@ -151,16 +196,33 @@ def _truck(paint: str) -> list[np.ndarray]:
     ]
     for side in (-1, 1):
         outer = sorted((side * 0.72, side * 1.22))
-        parts.append(_box((-6.05, -6.03), sorted((side * 0.82, side * 1.13)), (0.88, 1.04), TAIL_LAMP, 2))
-        parts += [_box((x - 0.5, x + 0.5), outer, (0.0, 1.0), RUBBER) for x in (-4.9, -3.7, 4.9)]
+        parts.append(
+            _box(
+                (-6.05, -6.03),
+                sorted((side * 0.82, side * 1.13)),
+                (0.88, 1.04),
+                TAIL_LAMP,
+                2,
+            )
+        )
+        parts += [
+            _box((x - 0.5, x + 0.5), outer, (0.0, 1.0), RUBBER)
+            for x in (-4.9, -3.7, 4.9)
+        ]
     return parts
 
 
 def _motorcycle(paint: str) -> list[np.ndarray]:
     """Motorcycle and its rider."""
     return [
-        *(_box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER) for x in (-0.69, 0.64)),
-        *(_box((-0.02, 0.44), y, (1.1, 1.36), CLOTH) for y in ((-0.41, -0.23), (0.23, 0.41))),
+        *(
+            _box((x - 0.31, x + 0.31), (-0.08, 0.08), (0.0, 0.63), RUBBER)
+            for x in (-0.69, 0.64)
+        ),
+        *(
+            _box((-0.02, 0.44), y, (1.1, 1.36), CLOTH)
+            for y in ((-0.41, -0.23), (0.23, 0.41))
+        ),
         _box((-0.4, 0.4), (-0.17, 0.17), (0.25, 0.7), PLASTIC),
         _box((-0.95, 0.8), (-0.18, 0.18), (0.7, 1.0), PAINTS[paint]),
         _box((-0.25, 0.25), (-0.34, 0.34), (0.3, 0.95), CLOTH),
@@ -170,7 +232,13 @@ def _motorcycle(paint: str) -> list[np.ndarray]:
     ]
 
 
-def _box(x: Sequence[float], y: Sequence[float], z: Sequence[float], albedo: tuple, layer: int = 0) -> np.ndarray:
+def _box(
+    x: Sequence[float],
+    y: Sequence[float],
+    z: Sequence[float],
+    albedo: tuple,
+    layer: int = 0,
+) -> np.ndarray:
     """Faces of a box between two values of each coordinate."""
     ranges = np.array([x, y, z], float)
     corners = ranges.mean(axis=1) + BOX_CORNERS * np.diff(ranges, axis=1)[:, 0] / 2
@@ -202,24 +270,50 @@ class Car(Standing):
         """Shadow polygon (N, 2); see `Standing.cast_hull`."""
         return [self.cast_hull(outline_points(self.body) @ self.turn.T, offset_per_m)]
 
-    def paint_over(self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray) -> None:
+    def paint_over(
+        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+    ) -> None:
         """Paint the contact shadow and the visible faces."""
         if canvas.misses(self.outline_m()):
             return
-        faces, turn, air = vehicle_faces(self.body, self.paint), self.turn, air.dimmed(light[0])
-        eye = (np.array([0, 0, canvas.camera.require_pose().height_m]) - self.foot_m) @ turn
-        normal, to_eye = face_normals(faces.corners_m), eye - faces.corners_m.mean(axis=1)
+        faces, turn, air = (
+            vehicle_faces(self.body, self.paint),
+            self.turn,
+            air.dimmed(light[0]),
+        )
+        eye = (
+            np.array([0, 0, canvas.camera.require_pose().height_m]) - self.foot_m
+        ) @ turn
+        normal, to_eye = (
+            face_normals(faces.corners_m),
+            eye - faces.corners_m.mean(axis=1),
+        )
         seen = np.flatnonzero((normal * to_eye).sum(axis=1) > 0)
         # Parts on the body keep their order; the others are sorted from far to near.
-        seen = seen[np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))]
+        seen = seen[
+            np.lexsort((-np.linalg.norm(to_eye[seen], axis=1), faces.layer[seen]))
+        ]
         colours = faces.albedo[seen] / 0.8 * irradiance(normal[seen], sun @ turn)
         rear, front, half = FOOTPRINTS.get(self.body, CAR_FOOTPRINT)
-        ground = np.array([[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]])
-        corners = np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]]) @ turn.T + self.foot_m
+        ground = np.array(
+            [[rear, -half, 0], [front, -half, 0], [front, half, 0], [rear, half, 0]]
+        )
+        corners = (
+            np.concatenate([faces.corners_m[seen], [ground * 1.03, ground * 0.97]])
+            @ turn.T
+            + self.foot_m
+        )
         pixels = canvas.project_faces(corners)
         blur = float(np.clip(40 / max(self.distance_m, 1), 0.5, 4))
         dark = np.full((2, 3), 0.004)
-        paint_polygons(canvas, pixels[-2:], dark, opacity=np.array([0.55, 0.85]), atmosphere=air, softness_px=blur)
+        paint_polygons(
+            canvas,
+            pixels[-2:],
+            dark,
+            opacity=np.array([0.55, 0.85]),
+            atmosphere=air,
+            softness_px=blur,
+        )
         paint_polygons(canvas, pixels[:-2], colours, atmosphere=air)
 
 
@@ -249,15 +343,23 @@ def _bonnet_layer(size: tuple[int, int]) -> tuple[np.ndarray, int]:
     """Premultiplied RGBA image of the bonnet (rows, W, 4), and its first row."""
     width, height = size
     # Linear interpolation, smoothed to look like pressed steel.
-    edge = np.interp(np.arange(width, dtype=float), BONNET[:, 0] * width, BONNET[:, 1] * height)
+    edge = np.interp(
+        np.arange(width, dtype=float), BONNET[:, 0] * width, BONNET[:, 1] * height
+    )
     window = max(3, int(0.05 * width)) | 1
-    edge = cv2.GaussianBlur(edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT)[0]
+    edge = cv2.GaussianBlur(
+        edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT
+    )[0]
     scale = height / 720
     top = int(edge.min() - 8 * scale)
     inward = (np.arange(top, height)[:, None] - edge) / scale
     # The edge is out of focus: a ramp of about three rows. It reflects the sky at a grazing angle.
     cover = smoothstep(-1.6, 1.6, inward)
     tone = cover * (1 - 0.3 * smoothstep(0, 40, inward))
-    layer: np.ndarray = cv2.merge([*(tone * channel for channel in BONNET_PAINT), cover]).astype(np.float32)
-    layer = cv2.GaussianBlur(layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE)
+    layer: np.ndarray = cv2.merge(
+        [*(tone * channel for channel in BONNET_PAINT), cover]
+    ).astype(np.float32)
+    layer = cv2.GaussianBlur(
+        layer, (0, 0), 0.6 * scale, borderType=cv2.BORDER_REPLICATE
+    )
     return layer, top

@@ -57,8 +57,15 @@ class Motion:
         """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
         rate = 2 * np.pi / self.wander_period_s
         part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
-        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
-        aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
+        lateral = (
+            self.offset_m
+            + self.wander_m * np.sin(rate * time_s)
+            + self.shift_m * part**2 * (3 - 2 * part)
+        )
+        aside = (
+            self.wander_m * rate * np.cos(rate * time_s)
+            + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
+        )
         station, speed = self.progress(time_s)
         heading = self.heading_rad
         if speed:
@@ -78,7 +85,9 @@ class Motion:
     def pitch(self, time_s: float) -> float:
         """Pitch motion at a time, radians: two sines of incommensurable periods."""
         phase = 2 * np.pi * time_s / self.pitch_period_s
-        return float(self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)))
+        return float(
+            self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +123,13 @@ class Drive:
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""
         pitch_rad = self.camera_at(time_s).require_pose().pitch_rad
-        return lane_truth(self.road, self.pose(time_s), self.line_laterals_m, time_s=time_s, pitch_rad=pitch_rad)
+        return lane_truth(
+            self.road,
+            self.pose(time_s),
+            self.line_laterals_m,
+            time_s=time_s,
+            pitch_rad=pitch_rad,
+        )
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose of the car at a time."""
@@ -122,14 +137,18 @@ class Drive:
         if not self.motion.rear_axle_m:
             return pose
         # from the camera back to the point of the car that moves along the car's longitudinal axis
-        back_m = self.motion.rear_axle_m * (1 - (self.motion.progress(time_s)[1] / TANGENT_MPS) ** 2)
+        back_m = self.motion.rear_axle_m * (
+            1 - (self.motion.progress(time_s)[1] / TANGENT_MPS) ** 2
+        )
         lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - back_m)
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:
         """Camera with the pitch at a time."""
         pose = self.camera.require_pose()
-        return self.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s)))
+        return self.camera.with_pose(
+            replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s))
+        )
 
 
 @dataclass(frozen=True)

@@ -41,11 +41,23 @@ from simulator.objects.vehicles import paint_bonnet
 from simulator.painting import Atmosphere, Canvas, blend, split_channels
 from simulator.processes import map_ordered
 from simulator.rendering.drive import Drive
-from simulator.road.ground import MAX_GROUND_M, Ground, RoadAhead, cast_on_ground, pixel_rays
+from simulator.road.ground import (
+    MAX_GROUND_M,
+    Ground,
+    RoadAhead,
+    cast_on_ground,
+    pixel_rays,
+)
 from simulator.road.markings import paint_markings
 from simulator.road.surface import ground_albedo
 from simulator.road.truth import Truth, truth_row, write_truth_csv
-from simulator.weather import add_falling_drops, add_lamp_reflections, add_lamps, add_windscreen_drops, visible_lamps
+from simulator.weather import (
+    add_falling_drops,
+    add_lamp_reflections,
+    add_lamps,
+    add_windscreen_drops,
+    visible_lamps,
+)
 
 # Airlight in front of distant ground, and its length constant in metres.
 AIR_LIGHT = np.array([0.42, 0.48, 0.56], np.float32)
@@ -94,13 +106,19 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
     truth = drive.truth(time_s)
     camera, heading = drive.camera_at(time_s), truth.pose.absolute_heading(drive.road)
     ahead = RoadAhead(drive.road, truth.pose)
-    ground, sun_direction = cast_on_ground(pixel_rays(drive.camera), camera, ahead), drive.sun.direction(heading)
+    ground, sun_direction = (
+        cast_on_ground(pixel_rays(drive.camera), camera, ahead),
+        drive.sun.direction(heading),
+    )
     objects = objects_in_view(drive.objects, drive.road, truth.pose, time_s=time_s)
     view = _View(drive, camera, heading, ahead, ground, sun_direction, objects)
     sun = _sun_on_ground(view)
     ground_light = _ground_light(view, sun)
     # The exposure is metered on the bare ground, without air, sky, vehicles and bonnet.
-    metered = slice(max(len(sun) - METERED_ROWS, 0), len(sun) - BOTTOM_ROWS, 4), slice(None, None, 8)
+    metered = (
+        slice(max(len(sun) - METERED_ROWS, 0), len(sun) - BOTTOM_ROWS, 4),
+        slice(None, None, 8),
+    )
     road_light = float((ground_light[metered] @ LUMINANCE).mean())
     mirror = _add_shine(ground_light, sun, view)
     light = _backdrop(view)
@@ -115,8 +133,12 @@ def render_frame(drive: Drive, time_s: float = 0.0) -> Frame:
         sun_ray = camera.require_pose().rotation @ sun_direction
         place = np.array([truth.pose.s_m]), np.array([truth.pose.lateral_m])
         sunshine = float(sun_along(drive.shades, *place, seed=drive.seed)[0])
-        add_glare(light, pixel_rays(drive.camera), sun_ray, drive.glare, sunshine=sunshine)
-    return Frame(_photograph(light, drive, time_s, road_light=road_light), truth, hidden)
+        add_glare(
+            light, pixel_rays(drive.camera), sun_ray, drive.glare, sunshine=sunshine
+        )
+    return Frame(
+        _photograph(light, drive, time_s, road_light=road_light), truth, hidden
+    )
 
 
 def _sun_on_ground(view: _View) -> np.ndarray:
@@ -126,11 +148,15 @@ def _sun_on_ground(view: _View) -> np.ndarray:
         return np.zeros_like(ground.s)
     sun = sunlight_on_ground(drive.shades, ground, seed=drive.seed)
     trees = [t for t in view.objects if isinstance(t, Tree)]
-    trees = [t for t in trees if t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M]
+    trees = [
+        t for t in trees if t.x_m < MAX_SHADOW_M and abs(t.y_m) < MAX_SHADOW_LATERAL_M
+    ]
     solid = [t for t in view.objects if not isinstance(t, Tree)]
     for group, noise_m in ((trees, LEAF_NOISE_M), (solid, 0.0)):
         polygons = shadow_polygons(group, view.sun_direction)
-        cast_shadows(sun, polygons, view.camera, ground, view.ahead, edge_noise_m=noise_m)
+        cast_shadows(
+            sun, polygons, view.camera, ground, view.ahead, edge_noise_m=noise_m
+        )
     return sun
 
 
@@ -140,7 +166,9 @@ def _ground_light(view: _View, sun: np.ndarray) -> np.ndarray:
     light = ground_albedo(drive.surface, ground, seed=drive.seed)
     if drive.wet is not None:
         light *= np.float32(drive.wet.darkening)
-    markings = drive.markings if drive.night is None else drive.night.markings(drive.markings)
+    markings = (
+        drive.markings if drive.night is None else drive.night.markings(drive.markings)
+    )
     paint_markings(light, markings, ground, seed=drive.seed + 100)
     paint_markings(light, drive.symbols, ground, seed=drive.seed + 200)
     if drive.night is not None:
@@ -156,7 +184,14 @@ def _add_shine(light: np.ndarray, sun: np.ndarray, view: _View) -> np.ndarray | 
     """Add reflections and fog to the ground, in place; returns the reflectance (rows, width) of a wet road, or None."""
     drive, height_m, mirror = view.drive, view.camera.require_pose().height_m, None
     if drive.glare is not None:
-        add_sheen(light, view.ground, sun, view.sun_direction, strength=drive.glare.sheen, height_m=height_m)
+        add_sheen(
+            light,
+            view.ground,
+            sun,
+            view.sun_direction,
+            strength=drive.glare.sheen,
+            height_m=height_m,
+        )
     if drive.wet is not None:
         mirror = drive.wet.mirror_share(view.ground, height_m, seed=drive.seed)
         light += _mirrored_sky(view) * cv2.merge([mirror] * 3)
@@ -175,12 +210,17 @@ def _paint_objects(light: np.ndarray, view: _View, *, sunny: float) -> np.ndarra
     parts = from_far_to_near(view.objects, growth=CLEAR_GROWTH if clear else FOG_GROWTH)
     # One call for all positions, because there are hundreds of objects; the first is that of the bonnet.
     places = [np.array([[-1.0, 0.0]]), *(part.places_m for _, part in parts)]
-    at_bonnet, *lights = np.split(_object_light(view, np.concatenate(places)), np.cumsum([len(p) for p in places])[:-1])
+    at_bonnet, *lights = np.split(
+        _object_light(view, np.concatenate(places)),
+        np.cumsum([len(p) for p in places])[:-1],
+    )
     crest_m, near_side = _crest(view)
     for before_crest in (False, True):
         for (distance_m, part), part_light in zip(parts, lights, strict=True):
             if (distance_m < crest_m) == before_crest:
-                part.paint_over(canvas, view.sun_direction, _air(drive, distance_m), part_light)
+                part.paint_over(
+                    canvas, view.sun_direction, _air(drive, distance_m), part_light
+                )
         if near_side is not None and not before_crest:
             # The near side of the crest hides everything painted so far.
             cv2.copyTo(bare, near_side, light)
@@ -193,7 +233,11 @@ def _air(drive: Drive, distance_m: float) -> Atmosphere:
     """Air in front of an object at a distance: fog, haze by day, none at night."""
     if drive.fog is not None:
         return drive.fog.atmosphere_at(distance_m)
-    return aerial_perspective(distance_m, drive.backdrop.haze_per_km) if drive.night is None else Atmosphere()
+    return (
+        aerial_perspective(distance_m, drive.backdrop.haze_per_km)
+        if drive.night is None
+        else Atmosphere()
+    )
 
 
 def _object_light(view: _View, points_m: np.ndarray) -> np.ndarray:
@@ -215,14 +259,18 @@ def _crest(view: _View) -> tuple[float, np.ndarray | None]:
     if np.isinf(distance_m):
         return distance_m, None
     near_side = np.zeros((view.camera.height, view.camera.width), np.uint8)
-    near_side[view.ground.top :] = view.ground.visible & (view.ground.distance < distance_m)
+    near_side[view.ground.top :] = view.ground.visible & (
+        view.ground.distance < distance_m
+    )
     return distance_m, near_side
 
 
 def _backdrop(view: _View) -> np.ndarray:
     """Image (height, width, 3) of the backdrop, down to the first row of ground only."""
     rays, ground = pixel_rays(view.drive.camera), view.ground
-    covered = ground.visible.all(axis=1) & (ground.distance.max(axis=1) < MAX_GROUND_M / 3)
+    covered = ground.visible.all(axis=1) & (
+        ground.distance.max(axis=1) < MAX_GROUND_M / 3
+    )
     bottom = ground.top + int(np.argmax(covered)) + 1
     light = np.zeros_like(rays)
     light[:bottom] = _backdrop_light(view, *_directions(rays[:bottom], view))
@@ -233,12 +281,16 @@ def _directions(rays: np.ndarray, view: _View) -> tuple[np.ndarray, ...]:
     """Unit vectors in the world frame, x, y and z (rows, columns), of rays (rows, columns, 3) in camera axes."""
     cosine, sine = np.cos(view.heading_rad), np.sin(view.heading_rad)
     to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
-    x, y, z = split_channels(cv2.transform(rays, (view.camera.require_pose().rotation @ to_world).T))
+    x, y, z = split_channels(
+        cv2.transform(rays, (view.camera.require_pose().rotation @ to_world).T)
+    )
     length = np.sqrt(x * x + y * y + z * z)
     return x / length, y / length, z / length
 
 
-def _backdrop_light(view: _View, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
+def _backdrop_light(
+    view: _View, x: np.ndarray, y: np.ndarray, z: np.ndarray
+) -> np.ndarray:
     """Light (rows, columns, 3) of the backdrop in directions from `_directions`."""
     drive = view.drive
     light = paint_backdrop((x, y, z), drive.backdrop, seed=drive.seed)
@@ -254,33 +306,57 @@ def _backdrop_light(view: _View, x: np.ndarray, y: np.ndarray, z: np.ndarray) ->
 def _mirrored_sky(view: _View) -> np.ndarray:
     """Backdrop mirrored in level ground (rows, width, 3), blurred by the roughness of the road."""
     coarse = MIRROR_DOWNSAMPLING
-    x, y, z = _directions(pixel_rays(view.drive.camera)[view.ground.top :: coarse, ::coarse], view)
+    x, y, z = _directions(
+        pixel_rays(view.drive.camera)[view.ground.top :: coarse, ::coarse], view
+    )
     light = _backdrop_light(view, x, y, np.abs(z))
-    light = cv2.GaussianBlur(light, (0, 0), sigmaX=1.0, sigmaY=view.camera.height / 60 / coarse)
+    light = cv2.GaussianBlur(
+        light, (0, 0), sigmaX=1.0, sigmaY=view.camera.height / 60 / coarse
+    )
     return cv2.resize(light, view.ground.s.shape[::-1], interpolation=cv2.INTER_LINEAR)
 
 
-def _composite_ground(light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool) -> None:
+def _composite_ground(
+    light: np.ndarray, radiance: np.ndarray, ground: Ground, *, daylight: bool
+) -> None:
     """Composite the ground over the backdrop, in place, with airlight and a fade-out in the distance."""
     # Beyond a crest, rows below the horizon can show sky.
     hidden = np.flatnonzero(~ground.visible.all(axis=1))
-    far = max(int(np.argmax(ground.distance.min(axis=1) < 40.0)), hidden[-1] + 1 if len(hidden) else 0)
+    far = max(
+        int(np.argmax(ground.distance.min(axis=1) < 40.0)),
+        hidden[-1] + 1 if len(hidden) else 0,
+    )
     if daylight:
-        blend(radiance[:far], AIR_LIGHT, 1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)))
-    share = np.clip((MAX_GROUND_M - ground.distance[:far]) / np.float32(MAX_GROUND_M / 2), 0, 1) * ground.visible[:far]
+        blend(
+            radiance[:far],
+            AIR_LIGHT,
+            1 - np.exp(-ground.distance[:far] / np.float32(AIR_LENGTH_M)),
+        )
+    share = (
+        np.clip(
+            (MAX_GROUND_M - ground.distance[:far]) / np.float32(MAX_GROUND_M / 2), 0, 1
+        )
+        * ground.visible[:far]
+    )
     blend(light[ground.top : ground.top + far], radiance[:far], share)
     light[ground.top + far :] = radiance[far:]
 
 
-def _photograph(light: np.ndarray, drive: Drive, time_s: float, *, road_light: float) -> np.ndarray:
+def _photograph(
+    light: np.ndarray, drive: Drive, time_s: float, *, road_light: float
+) -> np.ndarray:
     """Image that the camera stores of the light in front of the windscreen."""
     seed, lens = drive.seed * 7919 + round(time_s * 1000), drive.lens
     if drive.rain:
         add_falling_drops(light, seed=seed)
         add_windscreen_drops(light, time_s, seed=drive.seed)
     if drive.exposure is not None:
-        luminance = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
-        road_light = drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, luminance, time_s)
+        luminance = partial(
+            road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed
+        )
+        road_light = drive.exposure.adapted_light(
+            lambda t: drive.motion.pose(t).s_m, luminance, time_s
+        )
         lens = drive.exposure.lens(lens, road_light)
     return develop(light, lens, road_light=road_light, seed=seed)
 
@@ -318,7 +394,14 @@ def write_video(
     path = Path(path)
     count = round(seconds * VIDEO_FPS)
     with atomic_write(path) as unfinished, translate_write_errors(path):
-        rows = _encode(unfinished, drive, count, ["-crf", str(crf), "-preset", preset], progress, workers)
+        rows = _encode(
+            unfinished,
+            drive,
+            count,
+            ["-crf", str(crf), "-preset", preset],
+            progress,
+            workers,
+        )
         # The encoder is a separate process, which can be killed or run out of disk space silently.
         if inspect_video(unfinished).frames != count:
             raise OSError(f"the encoder wrote fewer than {count} frames")
@@ -328,14 +411,21 @@ def write_video(
 
 
 def _encode(
-    path: Path, drive: Drive, count: int, quality: list[str], progress: Progress | None, workers: int | None
+    path: Path,
+    drive: Drive,
+    count: int,
+    quality: list[str],
+    progress: Progress | None,
+    workers: int | None,
 ) -> list[dict]:
     """Render and encode `count` frames; returns the rows of the truth CSV."""
     # Imported here, because it is slow and only rendering needs it.
     import imageio_ffmpeg
 
     how = {"fps": VIDEO_FPS, "codec": "libx264", "quality": None, "macro_block_size": 1}
-    writer = imageio_ffmpeg.write_frames(str(path), drive.camera.size, **how, output_params=[*quality, *ENCODER])
+    writer = imageio_ffmpeg.write_frames(
+        str(path), drive.camera.size, **how, output_params=[*quality, *ENCODER]
+    )
     rows = []
     frames = map_ordered(partial(_video_frame, drive), range(count), workers=workers)
     with closing(writer), closing(frames):

@@ -29,7 +29,12 @@ DASHCAM = Camera(
     height=720,
     matrix=np.array([[1157.8, 0.0, 667.4], [0.0, 1153.2, 386.1], [0.0, 0.0, 1.0]]),
     distortion=np.array([-0.2442, -0.0208, -0.0011, 0.0003, -0.0121]),
-    pose=CameraPose(height_m=1.32, pitch_rad=np.radians(-1.80), yaw_rad=np.radians(-1.36), roll_rad=np.radians(0.4)),
+    pose=CameraPose(
+        height_m=1.32,
+        pitch_rad=np.radians(-1.80),
+        yaw_rad=np.radians(-1.36),
+        roll_rad=np.radians(0.4),
+    ),
 )
 
 
@@ -68,28 +73,65 @@ class Freeway:
     def markings(self) -> tuple[Marking, ...]:
         """Lines from left to right, then those of the opposite carriageway."""
         phase_m, wear = self.phase_m, self.wear
-        marks = [Marking((self.lanes_left + 0.5) * LANE_WIDTH_M, 0.15, YELLOW, wear=wear, dots=True)]
+        marks = [
+            Marking(
+                (self.lanes_left + 0.5) * LANE_WIDTH_M,
+                0.15,
+                YELLOW,
+                wear=wear,
+                dots=True,
+            )
+        ]
         for n in range(self.lanes_left + self.lanes_right):
             lateral = (self.lanes_left - 0.5 - n) * LANE_WIDTH_M
             # Neighbouring lines are painted in one pass, so their dashes are nearly aligned.
-            marks.append(Marking(lateral, 0.12, WHITE, dashed=True, phase_m=phase_m + 0.35 * n, wear=wear, dots=True))
-        marks.append(Marking(-(self.lanes_right + 0.5) * LANE_WIDTH_M, 0.12, WHITE, wear=wear))
+            marks.append(
+                Marking(
+                    lateral,
+                    0.12,
+                    WHITE,
+                    dashed=True,
+                    phase_m=phase_m + 0.35 * n,
+                    wear=wear,
+                    dots=True,
+                )
+            )
+        marks.append(
+            Marking(-(self.lanes_right + 0.5) * LANE_WIDTH_M, 0.12, WHITE, wear=wear)
+        )
         if self.opposite_m is not None:
-            opposite = [self.opposite_m + OPPOSITE_SHOULDER_M + n * LANE_WIDTH_M for n in range(4)]
-            marks += [Marking(opposite[0], 0.12, YELLOW), Marking(opposite[3], 0.12, WHITE)]
-            marks += [Marking(opposite[n], 0.12, WHITE, dashed=True, phase_m=phase_m + 3 * n) for n in (1, 2)]
+            opposite = [
+                self.opposite_m + OPPOSITE_SHOULDER_M + n * LANE_WIDTH_M
+                for n in range(4)
+            ]
+            marks += [
+                Marking(opposite[0], 0.12, YELLOW),
+                Marking(opposite[3], 0.12, WHITE),
+            ]
+            marks += [
+                Marking(opposite[n], 0.12, WHITE, dashed=True, phase_m=phase_m + 3 * n)
+                for n in (1, 2)
+            ]
         return tuple(marks)
 
     def surface(self) -> Surface:
         """Pavement and verges."""
-        centres = tuple(n * LANE_WIDTH_M for n in range(self.lanes_left, -self.lanes_right - 1, -1))
-        joints = tuple(Seam(c - LANE_WIDTH_M / 2 - 0.18, 0.025, 0.02, strength=0.5) for c in centres[:-1])
+        centres = tuple(
+            n * LANE_WIDTH_M for n in range(self.lanes_left, -self.lanes_right - 1, -1)
+        )
+        joints = tuple(
+            Seam(c - LANE_WIDTH_M / 2 - 0.18, 0.025, 0.02, strength=0.5)
+            for c in centres[:-1]
+        )
         return Surface(
             (Zone(-100.0, self.pavement), *self.zones),
-            right_edge_m=-(self.lanes_right + 0.5) * LANE_WIDTH_M - self.right_shoulder_m,
+            right_edge_m=-(self.lanes_right + 0.5) * LANE_WIDTH_M
+            - self.right_shoulder_m,
             left_edge_m=(self.lanes_left + 0.5) * LANE_WIDTH_M + self.left_shoulder_m,
             lane_centres_m=centres,
-            opposite_m=None if self.opposite_m is None else (self.opposite_m, self.opposite_m + OPPOSITE_WIDTH_M),
+            opposite_m=None
+            if self.opposite_m is None
+            else (self.opposite_m, self.opposite_m + OPPOSITE_WIDTH_M),
             patches=self.patches,
             seams=joints + self.seams,
         )
@@ -98,20 +140,32 @@ class Freeway:
 def freeway_drive(freeway: Freeway, **fields: Any) -> Drive:
     """Drive on a freeway, seen by the course's camera, in the lane between EGO_LINES_M; `fields` are those of Drive."""
     paint, pavement = freeway.markings(), freeway.surface()
-    usual: dict[str, Any] = {"camera": DASHCAM, "line_laterals_m": EGO_LINES_M, "markings": paint, "surface": pavement}
+    usual: dict[str, Any] = {
+        "camera": DASHCAM,
+        "line_laterals_m": EGO_LINES_M,
+        "markings": paint,
+        "surface": pavement,
+    }
     return Drive(**usual | fields)
 
 
 def bend_road(curvature_per_m: float) -> RoadGeometry:
     """Road with constant curvature around arc length 100, where the car of a still is, and a straight end."""
     ease = max(abs(curvature_per_m) / 1.5e-5, 30.0)
-    return RoadGeometry([0.0, 40.0, 400.0, 400 + ease], [curvature_per_m * 0.4, curvature_per_m, curvature_per_m, 0.0])
+    return RoadGeometry(
+        [0.0, 40.0, 400.0, 400 + ease],
+        [curvature_per_m * 0.4, curvature_per_m, curvature_per_m, 0.0],
+    )
 
 
 def daylight(azimuth_deg: float, elevation_deg: float, **landscape: float) -> dict:
     """Fields `sun` and `backdrop` of a Drive; `landscape` holds fields of BackdropStyle."""
     sun = Sun(float(np.radians(azimuth_deg)), float(np.radians(elevation_deg)))
-    style = BackdropStyle(sun_azimuth_rad=sun.azimuth_rad, sun_elevation_rad=sun.elevation_rad, **landscape)
+    style = BackdropStyle(
+        sun_azimuth_rad=sun.azimuth_rad,
+        sun_elevation_rad=sun.elevation_rad,
+        **landscape,
+    )
     return {"sun": sun, "backdrop": style}
 
 
@@ -137,9 +191,19 @@ def plant_trees(
         lateral = float(rng.uniform(*d_m))
         base = 0.0
         if bank is not None:
-            base = float(np.interp(abs(lateral - bank.lateral_m), outward, height)) * bank.height_scale
-        tree = Tree(rng.uniform(*height_m), str(rng.choice(species.split())), int(rng.integers(6)), base)
-        trees.append(PlacedObject(float(s + rng.uniform(-0.4, 0.4) * every_m), lateral, tree))
+            base = (
+                float(np.interp(abs(lateral - bank.lateral_m), outward, height))
+                * bank.height_scale
+            )
+        tree = Tree(
+            rng.uniform(*height_m),
+            str(rng.choice(species.split())),
+            int(rng.integers(6)),
+            base,
+        )
+        trees.append(
+            PlacedObject(float(s + rng.uniform(-0.4, 0.4) * every_m), lateral, tree)
+        )
     return tuple(trees)
 
 
@@ -150,13 +214,26 @@ def oncoming_cars(
     rng = np.random.default_rng(seed)
     cars = []
     for s in np.arange(*s_m, 45.0):
-        paint, body = str(rng.choice(["white", "silver", "grey", "blue", "black"])), str(rng.choice(["sedan", "suv"]))
-        lateral = opposite_m + OPPOSITE_SHOULDER_M + LANE_WIDTH_M * (0.5 + float(rng.integers(3)))
+        paint, body = (
+            str(rng.choice(["white", "silver", "grey", "blue", "black"])),
+            str(rng.choice(["sedan", "suv"])),
+        )
+        lateral = (
+            opposite_m
+            + OPPOSITE_SHOULDER_M
+            + LANE_WIDTH_M * (0.5 + float(rng.integers(3)))
+        )
         place_m = float(s + rng.uniform(-15, 15))
-        cars.append(PlacedObject(place_m, lateral, Car(paint, body, heading_rad=np.pi), -speed_mps))
+        cars.append(
+            PlacedObject(
+                place_m, lateral, Car(paint, body, heading_rad=np.pi), -speed_mps
+            )
+        )
     return tuple(cars)
 
 
-def car(s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0) -> PlacedObject:
+def car(
+    s_m: float, lane: int, paint: str, body: str = "sedan", *, speed_mps: float = 0.0
+) -> PlacedObject:
     """Car in the centre of a lane; `lane` is 0 for the ego lane, > 0 to the left."""
     return PlacedObject(s_m, lane * LANE_WIDTH_M, Car(paint, body), speed_mps)

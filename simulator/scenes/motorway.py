@@ -19,7 +19,15 @@ from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, YELLOW, Marking, Symbol
 from simulator.road.surface import Patch, Seam, Surface, Zone
-from simulator.scenes.freeway import LANE_WIDTH_M, Freeway, car, daylight, freeway_drive, oncoming_cars, plant_trees
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    Freeway,
+    car,
+    daylight,
+    freeway_drive,
+    oncoming_cars,
+    plant_trees,
+)
 
 # Removed markings: ground-off lines are rough and pale, painted-over lines are black and smooth.
 GROUND_OFF, BLACKENED = (0.30, 0.285, 0.27), (0.020, 0.020, 0.022)
@@ -64,13 +72,57 @@ def project_video() -> Drive:
             car(95.0, -1, "silver", speed_mps=29.0),
             car(130.0, 0, "grey", speed_mps=28.5),
             *oncoming_cars(7, s_m=(60, 640), opposite_m=17.0, speed_mps=26.0),
-            *plant_trees(21, "oak bush", s_m=(10, 620), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=bank),
-            *plant_trees(22, "scrub bush", s_m=(10, 620), d_m=(-30, -21), height_m=(0.8, 2.0), every_m=13, bank=bank),
-            *plant_trees(23, "eucalyptus oak", s_m=(140, 176), d_m=(11, 13), height_m=(11, 14), every_m=9),
-            *plant_trees(24, "eucalyptus plane", s_m=(238, 262), d_m=(11, 13), height_m=(11, 14), every_m=9),
-            *plant_trees(25, "plane oak", s_m=(60, 620), d_m=(34, 50), height_m=(6, 11), every_m=22),
+            *plant_trees(
+                21,
+                "oak bush",
+                s_m=(10, 620),
+                d_m=(-40, -31),
+                height_m=(4, 9),
+                every_m=14,
+                bank=bank,
+            ),
+            *plant_trees(
+                22,
+                "scrub bush",
+                s_m=(10, 620),
+                d_m=(-30, -21),
+                height_m=(0.8, 2.0),
+                every_m=13,
+                bank=bank,
+            ),
+            *plant_trees(
+                23,
+                "eucalyptus oak",
+                s_m=(140, 176),
+                d_m=(11, 13),
+                height_m=(11, 14),
+                every_m=9,
+            ),
+            *plant_trees(
+                24,
+                "eucalyptus plane",
+                s_m=(238, 262),
+                d_m=(11, 13),
+                height_m=(11, 14),
+                every_m=9,
+            ),
+            *plant_trees(
+                25,
+                "plane oak",
+                s_m=(60, 620),
+                d_m=(34, 50),
+                height_m=(6, 11),
+                every_m=22,
+            ),
         ),
-        motion=Motion(0.0, 27.0, offset_m=0.05, wander_m=0.22, wander_period_s=6.5, pitch_rad=float(np.radians(0.22))),
+        motion=Motion(
+            0.0,
+            27.0,
+            offset_m=0.05,
+            wander_m=0.22,
+            wander_period_s=6.5,
+            pitch_rad=float(np.radians(0.22)),
+        ),
         lens=Lens(noise=0.005),
         seed=99,
         **daylight(75, 50, tree_density=0.7),
@@ -78,27 +130,51 @@ def project_video() -> Drive:
 
 
 # Motion, barrier, bank and cars of `motorway_drive`.
-MOTION = Motion(0.0, 25.0, offset_m=0.15, wander_m=0.2, wander_period_s=5.0, pitch_rad=float(np.radians(0.22)))
+MOTION = Motion(
+    0.0,
+    25.0,
+    offset_m=0.15,
+    wander_m=0.2,
+    wander_period_s=5.0,
+    pitch_rad=float(np.radians(0.22)),
+)
 BARRIER, BANK = PlacedWall(4.4, "jersey", seed=25), PlacedWall(-18.0, "bank", seed=26)
 # Barriers farther away, and close beside a joint of the pavement; see `joint_fields`.
 FAR_BARRIER = replace(BARRIER, lateral_m=8.1)
 JOINT_BARRIER = replace(BARRIER, lateral_m=JOINT_BARRIER_M, height_scale=1.25)
-CARS = (car(22.0, -1, "silver", "suv", speed_mps=26.0), car(70.0, -2, "white", speed_mps=25.0))
+CARS = (
+    car(22.0, -1, "silver", "suv", speed_mps=26.0),
+    car(70.0, -2, "white", speed_mps=25.0),
+)
 
 
-def roadside(barrier: PlacedWall = BARRIER, *more: PlacedObject | PlacedWall | Overpass) -> tuple:
+def roadside(
+    barrier: PlacedWall = BARRIER, *more: PlacedObject | PlacedWall | Overpass
+) -> tuple:
     """Objects of a motorway: a barrier, the bank, and `more` (default: CARS), then oncoming cars and trees."""
     return (
         barrier,
         BANK,
         *(more or CARS),
         *oncoming_cars(31, s_m=(40, 420), opposite_m=17.0, speed_mps=26.0),
-        *plant_trees(32, "oak bush", s_m=(10, 420), d_m=(-40, -31), height_m=(4, 9), every_m=14, bank=BANK),
-        *plant_trees(33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20),
+        *plant_trees(
+            32,
+            "oak bush",
+            s_m=(10, 420),
+            d_m=(-40, -31),
+            height_m=(4, 9),
+            every_m=14,
+            bank=BANK,
+        ),
+        *plant_trees(
+            33, "plane oak", s_m=(30, 420), d_m=(34, 50), height_m=(6, 11), every_m=20
+        ),
     )
 
 
-def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = MOTION.offset_m, **changes) -> Drive:
+def motorway_drive(
+    freeway: Freeway = MOTORWAY, *, offset_m: float = MOTION.offset_m, **changes
+) -> Drive:
     """Motorway that bends left (R 560 m) and right (R 480 m); `changes` are fields of Drive.
 
     The car is in the leftmost of four lanes, between solid yellow and broken white, at `offset_m`. A barrier and the
@@ -106,13 +182,16 @@ def motorway_drive(freeway: Freeway = MOTORWAY, *, offset_m: float = MOTION.offs
     """
     usual = {
         "road": RoadGeometry(
-            [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0], [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0]
+            [0.0, 30.0, 60.0, 90.0, 130.0, 200.0, 300.0],
+            [0.0, 1 / 560, 1 / 560, 0.0, -1 / 480, -1 / 480, 0.0],
         ),
         "objects": roadside(),
         "motion": replace(MOTION, offset_m=offset_m),
         "seed": 131,
     }
-    return freeway_drive(freeway, **usual | daylight(60, 48, cloud_cover=0.3, tree_density=0.7) | changes)
+    return freeway_drive(
+        freeway, **usual | daylight(60, 48, cloud_cover=0.3, tree_density=0.7) | changes
+    )
 
 
 def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
@@ -132,7 +211,10 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
     yellow, *white = freeway.markings()
     return {
         "surface": freeway.surface(),
-        "markings": (replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1), *white),
+        "markings": (
+            replace(yellow, width_m=0.10, colour=FADED_YELLOW, wear=0.1),
+            *white,
+        ),
         "motion": replace(MOTION, offset_m=0.12, wander_m=0.05),
         "lens": Lens(exposure=0.72, blur_px=1.2, chroma_blur_px=4.0),
     }
@@ -140,7 +222,9 @@ def joint_fields(*seams: Seam, patches: tuple[Patch, ...] = ()) -> dict:
 
 def _joint_and_seam() -> Drive:
     return motorway_drive(
-        road=RoadGeometry([0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]),
+        road=RoadGeometry(
+            [0.0, 30.0, 160.0, 300.0], [-1 / 700, -1 / 620, -1 / 620, 0.0]
+        ),
         objects=roadside(JOINT_BARRIER),
         seed=132,
         **joint_fields(Seam(-0.95, 0.03, 0.03, 40.0, 600.0, 0.7)),
@@ -151,7 +235,9 @@ def _joint_and_seam() -> Drive:
 def _barrier() -> Drive:
     return motorway_drive(
         replace(MOTORWAY, pavement="old asphalt", left_shoulder_m=0.65, wear=0.45),
-        objects=roadside(PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27)),
+        objects=roadside(
+            PlacedWall(LANE_WIDTH_M / 2 + 0.6, "jersey", height_scale=1.1, seed=27)
+        ),
         offset_m=-0.2,
         seed=133,
         **daylight(75, 42, cloud_cover=0.2, tree_density=0.7),
@@ -163,7 +249,10 @@ def _worn_paint() -> Drive:
         "old asphalt",
         wear=0.8,
         opposite_m=17.0,
-        patches=(Patch(34.0, 41.0, -1.7, 0.1, "asphalt"), Patch(66.0, 78.0, -0.3, 1.6, "fresh asphalt")),
+        patches=(
+            Patch(34.0, 41.0, -1.7, 0.1, "asphalt"),
+            Patch(66.0, 78.0, -0.3, 1.6, "fresh asphalt"),
+        ),
         seams=(Seam(0.5, 0.03, 0.09, 10.0, 60.0), Seam(-0.7, 0.03, 0.1, 40.0, 140.0)),
     )
     return motorway_drive(freeway, seed=134)
@@ -185,7 +274,9 @@ def _dashes_only() -> Drive:
     freeway = replace(MIDDLE_LANE, pavement="old concrete", wear=0.4)
     return motorway_drive(
         freeway,
-        markings=tuple(replace(m, width_m=0.10) if m.dashed else m for m in freeway.markings()),
+        markings=tuple(
+            replace(m, width_m=0.10) if m.dashed else m for m in freeway.markings()
+        ),
         objects=roadside(FAR_BARRIER, car(30.0, 1, "grey", speed_mps=24.0), *CARS),
         offset_m=0.35,
         seed=136,
@@ -196,7 +287,10 @@ def _botts_dots() -> Drive:
     paint = MIDDLE_LANE.markings()
     return motorway_drive(
         MIDDLE_LANE,
-        markings=tuple(replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m for m in paint),
+        markings=tuple(
+            replace(m, botts=True, width_m=0.10, wear=0.1) if m.dashed else m
+            for m in paint
+        ),
         objects=roadside(FAR_BARRIER),
         offset_m=-0.25,
         seed=137,
@@ -206,7 +300,13 @@ def _botts_dots() -> Drive:
 def _lane_change() -> Drive:
     return motorway_drive(
         line_laterals_m=tuple(LANE_WIDTH_M / 2 - n * LANE_WIDTH_M for n in range(5)),
-        motion=replace(MOTION, wander_m=0.0, shift_m=-LANE_WIDTH_M, shift_start_s=0.6, shift_seconds=3.6),
+        motion=replace(
+            MOTION,
+            wander_m=0.0,
+            shift_m=-LANE_WIDTH_M,
+            shift_start_s=0.6,
+            shift_seconds=3.6,
+        ),
         objects=roadside(BARRIER, car(60.0, 0, "red", speed_mps=22.0)),
         seed=138,
     )
@@ -229,9 +329,22 @@ def _symbols() -> Drive:
 
 def _construction() -> Drive:
     old = (
-        Marking(2.9, 0.15, GROUND_OFF, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
-        Marking(-0.9, 0.14, GROUND_OFF, dashed=True, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1),
-        Marking(1.0, 0.16, BLACKENED, slope=-0.022, start_m=30.0, end_m=220.0, wear=0.2),
+        Marking(
+            2.9, 0.15, GROUND_OFF, slope=-0.020, start_m=-40.0, end_m=150.0, wear=0.1
+        ),
+        Marking(
+            -0.9,
+            0.14,
+            GROUND_OFF,
+            dashed=True,
+            slope=-0.020,
+            start_m=-40.0,
+            end_m=150.0,
+            wear=0.1,
+        ),
+        Marking(
+            1.0, 0.16, BLACKENED, slope=-0.022, start_m=30.0, end_m=220.0, wear=0.2
+        ),
     )
     new = (
         Marking(LANE_WIDTH_M / 2, 0.12, WORKS_YELLOW, wear=0.1, dots=True),
@@ -239,10 +352,17 @@ def _construction() -> Drive:
         Marking(-LANE_WIDTH_M * 1.5, 0.12, WHITE, wear=0.3),
     )
     return motorway_drive(
-        replace(MOTORWAY, pavement="old asphalt", lanes_right=1, patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),)),
+        replace(
+            MOTORWAY,
+            pavement="old asphalt",
+            lanes_right=1,
+            patches=(Patch(48.0, 300.0, -2.6, -0.6, "asphalt"),),
+        ),
         markings=(*old, *new),
         objects=roadside(
-            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28), PlacedWall(-7.4, "jersey", seed=29), *CARS
+            PlacedWall(LANE_WIDTH_M / 2 + 1.0, "jersey", seed=28),
+            PlacedWall(-7.4, "jersey", seed=29),
+            *CARS,
         ),
         motion=replace(MOTION, speed_mps=20.0),
         seed=140,
@@ -252,7 +372,10 @@ def _construction() -> Drive:
 def _two_lane() -> Drive:
     half = 1.75
     return motorway_drive(
-        road=RoadGeometry([0.0, 40.0, 80.0, 100.0, 150.0, 200.0], [1 / 400, 1 / 140, 1 / 140, -1 / 160, -1 / 160, 0.0]),
+        road=RoadGeometry(
+            [0.0, 40.0, 80.0, 100.0, 150.0, 200.0],
+            [1 / 400, 1 / 140, 1 / 140, -1 / 160, -1 / 160, 0.0],
+        ),
         line_laterals_m=(half, -half),
         markings=(
             Marking(half, 0.12, YELLOW, dashed=True, wear=0.3),
@@ -266,10 +389,26 @@ def _two_lane() -> Drive:
         ),
         objects=(
             car(170.0, 1, "blue", speed_mps=-18.0),
-            *plant_trees(41, "oak plane bush", s_m=(10, 300), d_m=(-22, -8), height_m=(3, 10), every_m=9),
-            *plant_trees(42, "oak eucalyptus bush", s_m=(10, 300), d_m=(13, 30), height_m=(3, 12), every_m=9),
+            *plant_trees(
+                41,
+                "oak plane bush",
+                s_m=(10, 300),
+                d_m=(-22, -8),
+                height_m=(3, 10),
+                every_m=9,
+            ),
+            *plant_trees(
+                42,
+                "oak eucalyptus bush",
+                s_m=(10, 300),
+                d_m=(13, 30),
+                height_m=(3, 12),
+                every_m=9,
+            ),
         ),
-        motion=Motion(0.0, 18.0, offset_m=-0.2, wander_m=0.15, pitch_rad=float(np.radians(0.25))),
+        motion=Motion(
+            0.0, 18.0, offset_m=-0.2, wander_m=0.15, pitch_rad=float(np.radians(0.25))
+        ),
         seed=141,
     )
 
@@ -281,7 +420,10 @@ def challenge_video() -> Drive:
     the bridge and one after it.
     """
     bridge = Overpass(112.0, 128.0, -20.0, 15.5, skew=0.12)
-    seams = Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6), Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6)
+    seams = (
+        Seam(-0.95, 0.025, 0.03, 150.0, 190.0, 0.6),
+        Seam(-0.55, 0.03, 0.05, 20.0, 70.0, 0.6),
+    )
     joint = joint_fields(*seams, patches=(Patch(60.0, 84.0, -7.0, -3.9, "asphalt"),))
     return motorway_drive(
         road=RoadGeometry(
@@ -301,7 +443,10 @@ def challenge_video() -> Drive:
             )
             if isinstance(item, PlacedWall | Overpass) or not 104 < item.s_m < 136
         ),
-        symbols=(Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4), Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4)),
+        symbols=(
+            Symbol(72.0, 0.0, "diamond", 3.7, 1.0, wear=0.4),
+            Symbol(190.0, 0.0, "diamond", 3.7, 1.0, wear=0.4),
+        ),
         shades=(bridge.shade(),),
         exposure=AutoExposure(strength=0.6),
         seed=171,
@@ -316,7 +461,9 @@ BAY_M, STALL_M, LINE_M = 5.0, 2.6, 0.10
 
 def _unmarked_road() -> Drive:
     return motorway_drive(
-        road=RoadGeometry([0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]),
+        road=RoadGeometry(
+            [0.0, 30.0, 60.0, 90.0, 140.0], [0.0, 1 / 90, 1 / 90, -1 / 120, 0.0]
+        ),
         line_laterals_m=(),
         markings=(),
         surface=Surface(
@@ -325,14 +472,28 @@ def _unmarked_road() -> Drive:
             left_edge_m=2.9,
             lane_centres_m=(0.2,),
             gravel_m=0.6,
-            seams=(Seam(0.25, 0.03, 0.06, strength=0.6), Seam(-1.2, 0.03, 0.12, 20.0, 60.0)),
+            seams=(
+                Seam(0.25, 0.03, 0.06, strength=0.6),
+                Seam(-1.2, 0.03, 0.12, 20.0, 60.0),
+            ),
             patches=(Patch(30.0, 36.0, -1.9, -0.4, "asphalt"),),
         ),
         objects=(
-            *plant_trees(71, "oak plane bush", s_m=(5, 220), d_m=(-12, -4.5), height_m=(2, 9), every_m=6),
-            *plant_trees(72, "oak bush", s_m=(5, 220), d_m=(5.5, 14), height_m=(2, 9), every_m=6),
+            *plant_trees(
+                71,
+                "oak plane bush",
+                s_m=(5, 220),
+                d_m=(-12, -4.5),
+                height_m=(2, 9),
+                every_m=6,
+            ),
+            *plant_trees(
+                72, "oak bush", s_m=(5, 220), d_m=(5.5, 14), height_m=(2, 9), every_m=6
+            ),
         ),
-        motion=Motion(0.0, 11.0, offset_m=-0.3, wander_m=0.2, pitch_rad=float(np.radians(0.3))),
+        motion=Motion(
+            0.0, 11.0, offset_m=-0.3, wander_m=0.2, pitch_rad=float(np.radians(0.3))
+        ),
         seed=161,
     )
 
@@ -340,14 +501,21 @@ def _unmarked_road() -> Drive:
 def _car_park() -> Drive:
     ends = []
     for low, high in ((-3.4 - BAY_M, -3.4), (3.1, 3.1 + BAY_M)):
-        ends += [Patch(s, s + LINE_M, low, high, "paint") for s in np.arange(-8.0, 90.0, STALL_M)]
+        ends += [
+            Patch(s, s + LINE_M, low, high, "paint")
+            for s in np.arange(-8.0, 90.0, STALL_M)
+        ]
     taken = np.random.default_rng(7).choice(36, 17, replace=False)
     paints = ("white", "silver", "grey", "blue", "red", "black", "beige")
     cars = tuple(
         PlacedObject(
             -6.7 + STALL_M * (n + 1),
             (-3.4 - BAY_M / 2, 3.1 + BAY_M / 2)[k % 2],
-            Car(paints[k % 7], ("sedan", "suv")[k % 3 == 0], (np.pi / 2, -np.pi / 2)[k % 2]),
+            Car(
+                paints[k % 7],
+                ("sedan", "suv")[k % 3 == 0],
+                (np.pi / 2, -np.pi / 2)[k % 2],
+            ),
         )
         for k, n in enumerate(taken)
     )
@@ -368,25 +536,61 @@ def _car_park() -> Drive:
             PlacedWall(-9.9, "kerb", seed=4),
             PlacedWall(9.3, "kerb", seed=6),
             *(PlacedObject(s, 9.9, Post(7.0, 0.16, arm_m=-1.2)) for s in (20.0, 50.0)),
-            *plant_trees(73, "plane oak", s_m=(5, 130), d_m=(-18, -12), height_m=(5, 9), every_m=9),
-            *plant_trees(74, "plane oak", s_m=(5, 130), d_m=(12, 18), height_m=(5, 9), every_m=9),
+            *plant_trees(
+                73,
+                "plane oak",
+                s_m=(5, 130),
+                d_m=(-18, -12),
+                height_m=(5, 9),
+                every_m=9,
+            ),
+            *plant_trees(
+                74, "plane oak", s_m=(5, 130), d_m=(12, 18), height_m=(5, 9), every_m=9
+            ),
         ),
-        motion=Motion(0.0, 5.0, offset_m=0.2, wander_m=0.3, pitch_rad=float(np.radians(0.1))),
+        motion=Motion(
+            0.0, 5.0, offset_m=0.2, wander_m=0.3, pitch_rad=float(np.radians(0.1))
+        ),
         seed=162,
     )
 
 
 def _dirt_track() -> Drive:
     return motorway_drive(
-        road=RoadGeometry([0.0, 25.0, 50.0, 75.0, 120.0], [0.0, -1 / 60, -1 / 60, 1 / 80, 0.0]),
+        road=RoadGeometry(
+            [0.0, 25.0, 50.0, 75.0, 120.0], [0.0, -1 / 60, -1 / 60, 1 / 80, 0.0]
+        ),
         line_laterals_m=(),
         markings=(),
-        surface=Surface((Zone(-100.0, "dirt"),), right_edge_m=-1.5, left_edge_m=1.6, gravel_m=0.2),
-        objects=(
-            *plant_trees(75, "oak bush scrub", s_m=(5, 200), d_m=(-30, -4), height_m=(0.6, 5), every_m=4),
-            *plant_trees(76, "oak bush scrub", s_m=(5, 200), d_m=(4, 30), height_m=(0.6, 6), every_m=4),
+        surface=Surface(
+            (Zone(-100.0, "dirt"),), right_edge_m=-1.5, left_edge_m=1.6, gravel_m=0.2
         ),
-        motion=Motion(0.0, 7.0, offset_m=0.1, wander_m=0.2, pitch_rad=float(np.radians(0.8)), pitch_period_s=0.8),
+        objects=(
+            *plant_trees(
+                75,
+                "oak bush scrub",
+                s_m=(5, 200),
+                d_m=(-30, -4),
+                height_m=(0.6, 5),
+                every_m=4,
+            ),
+            *plant_trees(
+                76,
+                "oak bush scrub",
+                s_m=(5, 200),
+                d_m=(4, 30),
+                height_m=(0.6, 6),
+                every_m=4,
+            ),
+        ),
+        motion=Motion(
+            0.0,
+            7.0,
+            offset_m=0.1,
+            wander_m=0.2,
+            pitch_rad=float(np.radians(0.8)),
+            pitch_period_s=0.8,
+        ),
         seed=163,
     )
 

@@ -29,7 +29,9 @@ WOOD_FLOOR = (0.62, 0.50, 0.48)
 MARKER_ORANGE = (0.62, 0.13, 0.03)
 
 
-def winding_road(*turns: tuple[float, float], straight_m: float = 14.0, ease_m: float = 12.0) -> RoadGeometry:
+def winding_road(
+    *turns: tuple[float, float], straight_m: float = 14.0, ease_m: float = 12.0
+) -> RoadGeometry:
     """Road of arcs (radius in metres, > 0 left; angle in degrees) with clothoids and straights between.
 
     The arcs are shortened by the angle of their clothoids, so that the total angles are as given.
@@ -37,13 +39,20 @@ def winding_road(*turns: tuple[float, float], straight_m: float = 14.0, ease_m: 
     stations, curvatures = [0.0, straight_m], [0.0, 0.0]
     for radius, degrees in turns:
         arc_m = max(np.radians(degrees) * abs(radius) - ease_m, 1.0)
-        for length, curvature in ((ease_m, 1 / radius), (arc_m, 1 / radius), (ease_m, 0.0), (straight_m, 0.0)):
+        for length, curvature in (
+            (ease_m, 1 / radius),
+            (arc_m, 1 / radius),
+            (ease_m, 0.0),
+            (straight_m, 0.0),
+        ):
             stations.append(stations[-1] + length)
             curvatures.append(curvature)
     return RoadGeometry(stations, curvatures)
 
 
-def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **changes) -> Drive:
+def mountain_drive(
+    road: RoadGeometry, motion: Motion, *, rock: bool = False, **changes
+) -> Drive:
     """Two-lane road through woods: double yellow, white edges, a guard rail on the right, optional `rock` on the left.
 
     `changes` are fields of Drive.
@@ -55,7 +64,9 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
         line_laterals_m=(half, -half),
         markings=(
             # The inner stripe of the double line bounds the lane, as in manual labels.
-            Marking(half + STRIPE_M, STRIPE_M, YELLOW, double_gap_m=STRIPE_M, wear=0.35),
+            Marking(
+                half + STRIPE_M, STRIPE_M, YELLOW, double_gap_m=STRIPE_M, wear=0.35
+            ),
             Marking(-half, STRIPE_M, WHITE, wear=0.25),
             Marking(3 * half, STRIPE_M, WHITE, wear=0.3),
         ),
@@ -71,11 +82,21 @@ def mountain_drive(road: RoadGeometry, motion: Motion, *, rock: bool = False, **
         objects=(
             *wood_edges(end, rock=rock),
             PlacedWall(-half - 1.3, "rail", start_m=28.0, end_m=75.0, seed=3),
-            *(PlacedObject(s, -half - 0.9, Post(1.0, 0.1, colour=MARKER_ORANGE)) for s in np.arange(6.0, end, 26.0)),
+            *(
+                PlacedObject(s, -half - 0.9, Post(1.0, 0.1, colour=MARKER_ORANGE))
+                for s in np.arange(6.0, end, 26.0)
+            ),
         ),
         motion=replace(motion, rear_axle_m=REAR_AXLE_M),
         seed=151,
-        **daylight(50, 50, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+        **daylight(
+            50,
+            50,
+            tree_density=0.3,
+            greenness=0.8,
+            ridge_height_rad=0.30,
+            hill_height_rad=0.22,
+        ),
     )
     return replace(drive, **changes)
 
@@ -87,12 +108,19 @@ def country_road_drive(seed: int, **changes) -> Drive:
         item
         for number, d_m in enumerate(((-16.0, -5.5), (8.5, 19.0)))
         for item in plant_trees(
-            seed + number, "oak redwood eucalyptus", s_m=(4, 240), d_m=d_m, height_m=(9, 17), every_m=5
+            seed + number,
+            "oak redwood eucalyptus",
+            s_m=(4, 240),
+            d_m=d_m,
+            height_m=(9, 17),
+            every_m=5,
         )
     )
     return Drive(
         camera=DASHCAM,
-        road=RoadGeometry([0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]),
+        road=RoadGeometry(
+            [0.0, 35.0, 75.0, 130.0, 160.0], [1 / 170, 1 / 170, -1 / 140, -1 / 140, 0.0]
+        ),
         # The inner stripe of the double line bounds the lane, as in manual labels.
         line_laterals_m=(middle - 0.10, edge),
         markings=(
@@ -100,33 +128,85 @@ def country_road_drive(seed: int, **changes) -> Drive:
             Marking(edge, 0.10, WHITE, wear=0.2),
             Marking(middle + 3.5, 0.10, WHITE, wear=0.2),
         ),
-        surface=Surface((Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8),
-        motion=Motion(0.0, 15.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.25))),
+        surface=Surface(
+            (Zone(-100.0, "fresh asphalt"),), -2.3, 5.8, (0.0, 3.5), gravel_m=0.8
+        ),
+        motion=Motion(
+            0.0,
+            15.0,
+            offset_m=-0.1,
+            wander_m=0.15,
+            wander_period_s=5.0,
+            pitch_rad=float(np.radians(0.25)),
+        ),
         seed=seed,
-        **({"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)} | daylight(60, 48, tree_density=0.9) | changes),
+        **(
+            {"objects": (PlacedWall(-2.9, "rail", 20.0, 90.0), *trees)}
+            | daylight(60, 48, tree_density=0.9)
+            | changes
+        ),
     )
 
 
-def wood_edges(end_m: float, *, rock: bool = False) -> tuple[PlacedObject | PlacedWall, ...]:
+def wood_edges(
+    end_m: float, *, rock: bool = False
+) -> tuple[PlacedObject | PlacedWall, ...]:
     """Edges of woods on both sides, with trees in front; `rock`: a cutting on the left."""
     return (
         PlacedWall(9.5, "rock" if rock else "wood", -60.0, end_m, seed=7),
         PlacedWall(-9.0, "wood", -60.0, end_m, height_scale=0.9, seed=8),
-        *plant_trees(61, "redwood oak bush", s_m=(-10, end_m), d_m=(-8.5, -5.5), height_m=(2, 9), every_m=11),
+        *plant_trees(
+            61,
+            "redwood oak bush",
+            s_m=(-10, end_m),
+            d_m=(-8.5, -5.5),
+            height_m=(2, 9),
+            every_m=11,
+        ),
         # Single trees at the edge hide that it is flat.
-        *plant_trees(63, "redwood oak", s_m=(-5, end_m), d_m=(-9.1, -8.5), height_m=(9, 14), every_m=14),
-        *plant_trees(64, "redwood oak", s_m=(-5, end_m), d_m=(9.1, 9.5), height_m=(8, 14), every_m=16),
-        *plant_trees(62, "scrub bush", s_m=(-10, end_m), d_m=(8.0, 8.9), height_m=(0.5, 1.6), every_m=12),
+        *plant_trees(
+            63,
+            "redwood oak",
+            s_m=(-5, end_m),
+            d_m=(-9.1, -8.5),
+            height_m=(9, 14),
+            every_m=14,
+        ),
+        *plant_trees(
+            64,
+            "redwood oak",
+            s_m=(-5, end_m),
+            d_m=(9.1, 9.5),
+            height_m=(8, 14),
+            every_m=16,
+        ),
+        *plant_trees(
+            62,
+            "scrub bush",
+            s_m=(-10, end_m),
+            d_m=(8.0, 8.9),
+            height_m=(0.5, 1.6),
+            every_m=12,
+        ),
     )
 
 
 def _hairpin_left() -> Drive:
     return mountain_drive(
         winding_road((22.0, 170.0)),
-        Motion(2.0, 8.0, offset_m=-0.1, wander_m=0.15, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
+        Motion(
+            2.0,
+            8.0,
+            offset_m=-0.1,
+            wander_m=0.15,
+            wander_period_s=5.0,
+            pitch_rad=float(np.radians(0.3)),
+        ),
         objects=(
             *mountain_drive(winding_road((22.0, 170.0)), Motion()).objects,
-            PlacedObject(75.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0),
+            PlacedObject(
+                75.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0
+            ),
         ),
     )
 
@@ -134,15 +214,31 @@ def _hairpin_left() -> Drive:
 def _hairpin_right() -> Drive:
     return mountain_drive(
         winding_road((-15.0, 160.0)),
-        Motion(4.0, 6.0, offset_m=0.15, wander_m=0.1, wander_period_s=5.0, pitch_rad=float(np.radians(0.3))),
+        Motion(
+            4.0,
+            6.0,
+            offset_m=0.15,
+            wander_m=0.1,
+            wander_period_s=5.0,
+            pitch_rad=float(np.radians(0.3)),
+        ),
         seed=152,
-        **daylight(-120, 50, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+        **daylight(
+            -120,
+            50,
+            tree_density=0.3,
+            greenness=0.8,
+            ridge_height_rad=0.30,
+            hill_height_rad=0.22,
+        ),
     )
 
 
 def _switchback() -> Drive:
     road = winding_road((26.0, 110.0), (-20.0, 120.0), straight_m=6.0)
-    shades = tuple(TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0))
+    shades = tuple(
+        TreeShade(s, s + 9.0, -5.0, 8.0, 0.9) for s in np.arange(14.0, 140.0, 21.0)
+    )
     motion = Motion(18.0, 9.0, offset_m=0.1, wander_m=0.2, wander_period_s=4.0)
     return mountain_drive(road, motion, shades=shades, seed=153)
 
@@ -150,23 +246,35 @@ def _switchback() -> Drive:
 def _mountain_bends() -> Drive:
     return mountain_drive(
         winding_road((60.0, 45.0), (-45.0, 50.0), (70.0, 40.0)),
-        Motion(0.0, 13.0, offset_m=-0.15, wander_m=0.15, pitch_rad=float(np.radians(0.3))),
+        Motion(
+            0.0, 13.0, offset_m=-0.15, wander_m=0.15, pitch_rad=float(np.radians(0.3))
+        ),
         rock=True,
         seed=154,
     )
 
 
 def _crests() -> Drive:
-    profile = HeightProfile([0.0, 16.0, 52.0, 66.0, 96.0, 150.0], [0.08, 0.08, -0.06, -0.06, 0.05, 0.05])
+    profile = HeightProfile(
+        [0.0, 16.0, 52.0, 66.0, 96.0, 150.0], [0.08, 0.08, -0.06, -0.06, 0.05, 0.05]
+    )
     road = replace(winding_road((180.0, 25.0), (-150.0, 25.0)), profile=profile)
-    return mountain_drive(road, Motion(0.0, 15.0, offset_m=0.2, wander_m=0.15, wander_period_s=4.0), seed=155)
+    return mountain_drive(
+        road,
+        Motion(0.0, 15.0, offset_m=0.2, wander_m=0.15, wander_period_s=4.0),
+        seed=155,
+    )
 
 
 def _dips() -> Drive:
     stations = np.arange(0.0, 260.0, 4.0)
     profile = HeightProfile(stations, 0.055 * np.sin(2 * np.pi * stations / 52.0))
     road = replace(winding_road((90.0, 60.0), (-110.0, 50.0)), profile=profile)
-    drive = mountain_drive(road, Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0), seed=156)
+    drive = mountain_drive(
+        road,
+        Motion(4.0, 15.0, offset_m=-0.2, wander_m=0.1, wander_period_s=4.0),
+        seed=156,
+    )
     # A higher ridge would fill the image here.
     return replace(drive, backdrop=replace(drive.backdrop, ridge_height_rad=0.12))
 
@@ -189,8 +297,16 @@ def harder_challenge_video() -> Drive:
             pitch_rad=float(np.radians(0.3)),
             later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
         ),
-        markings=tuple(replace(m, wear=wear) for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)),
-        objects=(*base.objects, PlacedObject(96.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0)),
+        markings=tuple(
+            replace(m, wear=wear)
+            for m, wear in zip(base.markings, (0.55, 0.4, 0.45), strict=True)
+        ),
+        objects=(
+            *base.objects,
+            PlacedObject(
+                96.0, MOUNTAIN_LANE_WIDTH_M, Car("blue", heading_rad=np.pi), -8.0
+            ),
+        ),
         shades=(
             WoodShade(-20.0, 24.0, flecks=0.10),
             TreeShade(58.0, 70.0, -5.0, 7.0, 0.95),
@@ -202,7 +318,14 @@ def harder_challenge_video() -> Drive:
         glare=Glare(veil=0.6, sheen=0.8, dashboard=0.3),
         lens=Lens(noise=0.004, exposure=0.3),
         seed=172,
-        **daylight(45, 28, tree_density=0.3, greenness=0.8, ridge_height_rad=0.30, hill_height_rad=0.22),
+        **daylight(
+            45,
+            28,
+            tree_density=0.3,
+            greenness=0.8,
+            ridge_height_rad=0.30,
+            hill_height_rad=0.22,
+        ),
     )
 
 

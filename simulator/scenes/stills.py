@@ -12,14 +12,31 @@ from simulator.objects.standing import Post, Tree
 from simulator.rendering.drive import Drive, Motion
 from simulator.road.geometry import RoadGeometry
 from simulator.road.surface import DUST, Patch, Seam, Zone
-from simulator.scenes.freeway import Freeway, bend_road, car, daylight, freeway_drive, oncoming_cars, plant_trees
+from simulator.scenes.freeway import (
+    Freeway,
+    bend_road,
+    car,
+    daylight,
+    freeway_drive,
+    oncoming_cars,
+    plant_trees,
+)
 
 STRAIGHT = RoadGeometry([0.0, 2000.0], [0.0, 0.0])
 
 
 def still_scenes() -> dict[str, Drive]:
     """Drives of the eight stills, by file name without suffix."""
-    builders = (_straight_lines1, _straight_lines2, _test1, _test2, _test3, _test4, _test5, _test6)
+    builders = (
+        _straight_lines1,
+        _straight_lines2,
+        _test1,
+        _test2,
+        _test3,
+        _test4,
+        _test5,
+        _test6,
+    )
     return {build.__name__.removeprefix("_"): build() for build in builders}
 
 
@@ -40,12 +57,31 @@ def _straight_lines1() -> Drive:
         objects=(
             bank,
             PlacedWall(12.6, "jersey"),
-            *(PlacedObject(142.0 + 5 * i, 8.4, Tree(3.4 + 0.3 * i, "bush", 2 * i)) for i in range(3)),
+            *(
+                PlacedObject(142.0 + 5 * i, 8.4, Tree(3.4 + 0.3 * i, "bush", 2 * i))
+                for i in range(3)
+            ),
             car(245.0, 0, "white"),
             car(268.0, -1, "black", "suv"),
             *oncoming_cars(1, s_m=(160, 300), opposite_m=14.0),
-            *plant_trees(5, "oak bush", s_m=(150, 420), d_m=(-36, -30), height_m=(3, 9), every_m=11, bank=bank),
-            *plant_trees(6, "scrub bush", s_m=(112, 260), d_m=(-27, -20), height_m=(0.8, 1.8), every_m=7, bank=bank),
+            *plant_trees(
+                5,
+                "oak bush",
+                s_m=(150, 420),
+                d_m=(-36, -30),
+                height_m=(3, 9),
+                every_m=11,
+                bank=bank,
+            ),
+            *plant_trees(
+                6,
+                "scrub bush",
+                s_m=(112, 260),
+                d_m=(-27, -20),
+                height_m=(0.8, 1.8),
+                every_m=7,
+                bank=bank,
+            ),
         ),
         motion=Motion(100.0, offset_m=0.14, heading_rad=0.003),
         seed=11,
@@ -57,7 +93,15 @@ def _straight_lines2() -> Drive:
     """Straight, rightmost lane: broken white left, solid white right; traffic in the lanes to the left."""
     bank = PlacedWall(-6.2, "bank", height_scale=0.45, seed=7)
     return freeway_drive(
-        Freeway("fresh asphalt", (), 3, 0, phase_m=105.1, right_shoulder_m=3.4, opposite_m=17.0),
+        Freeway(
+            "fresh asphalt",
+            (),
+            3,
+            0,
+            phase_m=105.1,
+            right_shoulder_m=3.4,
+            opposite_m=17.0,
+        ),
         road=STRAIGHT,
         objects=(
             bank,
@@ -70,8 +114,18 @@ def _straight_lines2() -> Drive:
             car(232.0, 0, "silver"),
             *oncoming_cars(2, s_m=(150, 300), opposite_m=17.0),
             *(PlacedObject(128.0 + 40 * i, -9.5, Post(9.0, 0.28)) for i in range(3)),
-            *plant_trees(7, "eucalyptus oak", s_m=(112, 330), d_m=(-29, -17), height_m=(9, 17), every_m=9, bank=bank),
-            *plant_trees(8, "cypress", s_m=(140, 260), d_m=(34, 37), height_m=(8, 13), every_m=6),
+            *plant_trees(
+                7,
+                "eucalyptus oak",
+                s_m=(112, 330),
+                d_m=(-29, -17),
+                height_m=(9, 17),
+                every_m=9,
+                bank=bank,
+            ),
+            *plant_trees(
+                8, "cypress", s_m=(140, 260), d_m=(34, 37), height_m=(8, 13), every_m=6
+            ),
         ),
         motion=Motion(100.0, offset_m=-0.11, heading_rad=-0.002),
         seed=22,
@@ -100,8 +154,22 @@ def _test1() -> Drive:
             car(196.0, -1, "silver"),
             car(214.0, -2, "grey", "suv"),
             *oncoming_cars(3, s_m=(125, 300), opposite_m=5.4),
-            *plant_trees(9, "plane oak", s_m=(135, 340), d_m=(23, 40), height_m=(6, 13), every_m=16),
-            *plant_trees(10, "eucalyptus oak", s_m=(150, 380), d_m=(-34, -21), height_m=(8, 17), every_m=13),
+            *plant_trees(
+                9,
+                "plane oak",
+                s_m=(135, 340),
+                d_m=(23, 40),
+                height_m=(6, 13),
+                every_m=16,
+            ),
+            *plant_trees(
+                10,
+                "eucalyptus oak",
+                s_m=(150, 380),
+                d_m=(-34, -21),
+                height_m=(8, 17),
+                every_m=13,
+            ),
         ),
         motion=Motion(100.0, offset_m=0.22, heading_rad=0.004),
         seed=33,
@@ -125,8 +193,24 @@ def _test2() -> Drive:
             bank,
             car(232.0, -1, "blue"),
             *oncoming_cars(4, s_m=(140, 300), opposite_m=5.4),
-            *plant_trees(11, "oak bush", s_m=(120, 400), d_m=(-42, -33), height_m=(3, 9), every_m=10, bank=bank),
-            *plant_trees(12, "scrub bush", s_m=(112, 300), d_m=(-29, -22), height_m=(0.7, 1.8), every_m=6, bank=bank),
+            *plant_trees(
+                11,
+                "oak bush",
+                s_m=(120, 400),
+                d_m=(-42, -33),
+                height_m=(3, 9),
+                every_m=10,
+                bank=bank,
+            ),
+            *plant_trees(
+                12,
+                "scrub bush",
+                s_m=(112, 300),
+                d_m=(-29, -22),
+                height_m=(0.7, 1.8),
+                every_m=6,
+                bank=bank,
+            ),
         ),
         motion=Motion(100.0, offset_m=0.33, heading_rad=-0.004),
         seed=44,
@@ -138,15 +222,34 @@ def _test3() -> Drive:
     """Bends right, R 620 m, older asphalt with a tar seam, wooded ridge, one car ahead on the right."""
     bank = PlacedWall(-17.0, "bank", height_scale=1.25, seed=9)
     return freeway_drive(
-        Freeway(phase_m=104.6, left_shoulder_m=3.0, seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),)),
+        Freeway(
+            phase_m=104.6,
+            left_shoulder_m=3.0,
+            seams=(Seam(0.9, 0.03, 0.08, 103.0, 160.0, 0.5),),
+        ),
         road=bend_road(-1 / 620),
         objects=(
             PlacedWall(5.0, "jersey", seed=6),
             bank,
             car(130.0, -2, "white"),
             car(197.0, -1, "blue", "suv"),
-            *plant_trees(13, "plane oak", s_m=(112, 330), d_m=(12, 24), height_m=(3, 7), every_m=10),
-            *plant_trees(14, "oak", s_m=(180, 330), d_m=(-34, -24), height_m=(4, 8), every_m=12, bank=bank),
+            *plant_trees(
+                13,
+                "plane oak",
+                s_m=(112, 330),
+                d_m=(12, 24),
+                height_m=(3, 7),
+                every_m=10,
+            ),
+            *plant_trees(
+                14,
+                "oak",
+                s_m=(180, 330),
+                d_m=(-34, -24),
+                height_m=(4, 8),
+                every_m=12,
+                bank=bank,
+            ),
         ),
         motion=Motion(100.0, offset_m=-0.18, heading_rad=0.006),
         seed=55,
@@ -174,8 +277,22 @@ def _test4() -> Drive:
             car(190.0, -1, "silver"),
             car(228.0, -2, "grey"),
             *oncoming_cars(5, s_m=(130, 300), opposite_m=5.4),
-            *plant_trees(15, "plane oak", s_m=(140, 340), d_m=(22, 36), height_m=(7, 12), every_m=18),
-            *plant_trees(16, "eucalyptus oak", s_m=(150, 380), d_m=(-34, -22), height_m=(8, 17), every_m=12),
+            *plant_trees(
+                15,
+                "plane oak",
+                s_m=(140, 340),
+                d_m=(22, 36),
+                height_m=(7, 12),
+                every_m=18,
+            ),
+            *plant_trees(
+                16,
+                "eucalyptus oak",
+                s_m=(150, 380),
+                d_m=(-34, -22),
+                height_m=(8, 17),
+                every_m=12,
+            ),
         ),
         motion=Motion(100.0, offset_m=0.16, heading_rad=-0.003),
         seed=66,
@@ -185,20 +302,50 @@ def _test4() -> Drive:
 
 def _test5() -> Drive:
     """Concrete ends in the deep shade of trees 14 m ahead; bends right, R 560 m; two cars."""
-    trunks = ((116.0, 10.0, 15.0, "eucalyptus"), (124.0, 12.5, 14.0, "plane"), (133.0, 11.0, 15.0, "eucalyptus"))
+    trunks = (
+        (116.0, 10.0, 15.0, "eucalyptus"),
+        (124.0, 12.5, 14.0, "plane"),
+        (133.0, 11.0, 15.0, "eucalyptus"),
+    )
     return freeway_drive(
-        Freeway("concrete", (Zone(118.0, "asphalt", -0.3),), phase_m=103.0, wear=0.3, opposite_m=17.0),
+        Freeway(
+            "concrete",
+            (Zone(118.0, "asphalt", -0.3),),
+            phase_m=103.0,
+            wear=0.3,
+            opposite_m=17.0,
+        ),
         road=bend_road(-1 / 560),
-        shades=(TreeShade(114.0, 131.0, -6.0, 9.0, 0.97), TreeShade(133.0, 150.0, -3.0, 9.0, 0.95)),
+        shades=(
+            TreeShade(114.0, 131.0, -6.0, 9.0, 0.97),
+            TreeShade(133.0, 150.0, -3.0, 9.0, 0.95),
+        ),
         objects=(
             PlacedWall(4.35, "jersey", seed=12),
             car(121.0, -1, "black"),
             car(118.0, -2, "white"),
             car(186.0, -1, "white"),
-            *(PlacedObject(s, d, Tree(tall, kind, i + 1)) for i, (s, d, tall, kind) in enumerate(trunks)),
+            *(
+                PlacedObject(s, d, Tree(tall, kind, i + 1))
+                for i, (s, d, tall, kind) in enumerate(trunks)
+            ),
             *oncoming_cars(8, s_m=(130, 300), opposite_m=17.0),
-            *plant_trees(17, "oak plane", s_m=(160, 340), d_m=(33, 45), height_m=(7, 12), every_m=12),
-            *plant_trees(18, "eucalyptus redwood", s_m=(128, 300), d_m=(-27, -19), height_m=(11, 18), every_m=8),
+            *plant_trees(
+                17,
+                "oak plane",
+                s_m=(160, 340),
+                d_m=(33, 45),
+                height_m=(7, 12),
+                every_m=12,
+            ),
+            *plant_trees(
+                18,
+                "eucalyptus redwood",
+                s_m=(128, 300),
+                d_m=(-27, -19),
+                height_m=(11, 18),
+                every_m=8,
+            ),
         ),
         motion=Motion(100.0, offset_m=-0.26, heading_rad=0.005),
         seed=77,
@@ -217,7 +364,10 @@ def _test6() -> Drive:
             wear=0.45,
             opposite_m=5.6,
             patches=(Patch(109.0, 114.0, -1.9, 0.2, "fresh asphalt"),),
-            seams=(Seam(0.75, 0.04, 0.09, 100.0, 124.0), Seam(-0.9, 0.03, 0.07, 106.0, 124.0)),
+            seams=(
+                Seam(0.75, 0.04, 0.09, 100.0, 124.0),
+                Seam(-0.9, 0.03, 0.07, 106.0, 124.0),
+            ),
         ),
         road=bend_road(1 / 380),
         objects=(
@@ -227,8 +377,18 @@ def _test6() -> Drive:
             car(150.0, -2, "red"),
             car(196.0, 0, "grey"),
             *oncoming_cars(6, s_m=(130, 300), opposite_m=5.6),
-            *plant_trees(19, "plane", s_m=(125, 300), d_m=(23, 34), height_m=(7, 12), every_m=15),
-            *plant_trees(20, "oak bush", s_m=(130, 400), d_m=(-38, -31), height_m=(4, 10), every_m=10, bank=bank),
+            *plant_trees(
+                19, "plane", s_m=(125, 300), d_m=(23, 34), height_m=(7, 12), every_m=15
+            ),
+            *plant_trees(
+                20,
+                "oak bush",
+                s_m=(130, 400),
+                d_m=(-38, -31),
+                height_m=(4, 10),
+                every_m=10,
+                bank=bank,
+            ),
         ),
         motion=Motion(100.0, offset_m=0.2, heading_rad=0.002),
         seed=88,

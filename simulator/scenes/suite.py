@@ -17,7 +17,13 @@ from lanes.files import hash_sources
 from lanes.images import write_image
 from simulator.processes import run_all
 from simulator.rendering.drive import Drive, Motion, SuiteScene
-from simulator.rendering.render import VIDEO_CRF, VIDEO_SECONDS, Progress, render_frame, write_video
+from simulator.rendering.render import (
+    VIDEO_CRF,
+    VIDEO_SECONDS,
+    Progress,
+    render_frame,
+    write_video,
+)
 from simulator.road.geometry import RoadGeometry
 from simulator.road.truth import truth_entry, write_truth_json
 from simulator.scenes.freeway import DASHCAM
@@ -32,7 +38,9 @@ _THEMES = (MOTORWAY, MOUNTAIN, WEATHER_AND_TRAFFIC, NO_LANE)
 # Cached videos are 2.5 times as large as committed ones. Encoding takes a tenth of the time, and the quality is 0.5
 # to 0.9 dB better (measured on two scenes).
 CACHE_CRF, CACHE_PRESET = 20, "ultrafast"
-SUITE: dict[str, SuiteScene] = {scene.name: scene for scenes in _THEMES for scene in scenes}
+SUITE: dict[str, SuiteScene] = {
+    scene.name: scene for scenes in _THEMES for scene in scenes
+}
 # Committed videos by name: drive, length in seconds, and constant rate factor of x264. Concrete and leaves need many
 # bits: with a higher factor each file is below 3.5 MB.
 VIDEOS = {
@@ -49,7 +57,10 @@ def cache_folder() -> Path:
     """
     if os.environ.get("LANES_CACHE"):
         return Path(os.environ["LANES_CACHE"])
-    return user_cache_path("advanced-lane-finding", appauthor=False, opinion=False) / "scenes"
+    return (
+        user_cache_path("advanced-lane-finding", appauthor=False, opinion=False)
+        / "scenes"
+    )
 
 
 def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:
@@ -58,7 +69,9 @@ def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) ->
     It contains a hash of the renderer, so that no video is outdated.
     """
     if name not in SUITE:
-        raise ValueError(f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}.")
+        raise ValueError(
+            f"no scene {name!r} in the suite; choose one of {', '.join(SUITE)}."
+        )
     variant = f"{name}-{seed}" if seed else name
     return Path(folder or cache_folder()) / f"{variant}-{_renderer_hash()}.mp4"
 
@@ -82,7 +95,14 @@ def render_scene(
         scene = SUITE[name]
         encoder: dict[str, Any] = {"crf": CACHE_CRF, "preset": CACHE_PRESET}
         drive = vary_drive(scene.drive(), seed)
-        write_video(path, drive=drive, seconds=scene.seconds, **encoder, progress=progress, workers=workers)
+        write_video(
+            path,
+            drive=drive,
+            seconds=scene.seconds,
+            **encoder,
+            progress=progress,
+            workers=workers,
+        )
     return path
 
 
@@ -92,41 +112,65 @@ def _renderer_hash() -> str:
     return hash_sources(Path(camera.__file__), Path(simulator.__file__).parent)
 
 
-def write_stills(folder: str | Path, *, progress: Progress | None = None, workers: int | None = None) -> list[Path]:
+def write_stills(
+    folder: str | Path, *, progress: Progress | None = None, workers: int | None = None
+) -> list[Path]:
     """Files written: the eight stills and their truth.json, in a folder that is created where needed.
 
     `progress` and `workers` are those of `write_video`. Raises OSError if the folder cannot be written to.
     """
     folder = Path(folder)
     scenes = still_scenes()
-    frames = run_all(render_frame, list(scenes.values()), workers=workers, progress=progress)
+    frames = run_all(
+        render_frame, list(scenes.values()), workers=workers, progress=progress
+    )
     written, entries = [], []
     for (name, drive), frame in zip(scenes.items(), frames, strict=True):
         path = write_image(folder / f"{name}.jpg", frame.image)
         raw_file, camera = f"{folder.name}/{path.name}", drive.camera_at(0.0)
-        entries.append(truth_entry(frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden))
+        entries.append(
+            truth_entry(
+                frame.truth, raw_file=raw_file, camera=camera, hidden=frame.hidden
+            )
+        )
         written.append(path)
     write_truth_json(folder / "truth.json", DASHCAM, entries)
     return [*written, folder / "truth.json"]
 
 
 def write_course_video(
-    folder: str | Path, name: str, *, seconds: float = VIDEO_SECONDS, progress: Progress | None = None
+    folder: str | Path,
+    name: str,
+    *,
+    seconds: float = VIDEO_SECONDS,
+    progress: Progress | None = None,
 ) -> list[Path]:
     """Write a video of VIDEOS with its truth and camera into a folder, `seconds` at most; see `write_video`."""
     drive, length_s, crf = VIDEOS[name]
     path = Path(folder) / f"{name}.mp4"
-    return write_video(path, drive=drive(), seconds=min(seconds, length_s), crf=crf, progress=progress)
+    return write_video(
+        path, drive=drive(), seconds=min(seconds, length_s), crf=crf, progress=progress
+    )
 
 
 # Variants: the same scene on another road, seen by another camera, driven differently, with other noise. The variants
 # of a seed that nothing was fitted on show how well a system generalises.
 # Ranges (low, high) of the factors that a variant draws. The first is the size of the road's plan: all radii,
 # transition curves and straights.
-ROAD_SCALE, CAMERA_HEIGHT, NOISE, WEAR = (0.9, 1.25), (0.92, 1.12), (0.6, 1.8), (0.7, 1.3)
+ROAD_SCALE, CAMERA_HEIGHT, NOISE, WEAR = (
+    (0.9, 1.25),
+    (0.92, 1.12),
+    (0.6, 1.8),
+    (0.7, 1.3),
+)
 SPEED, PERIOD, PITCH_AMPLITUDE = (0.9, 1.1), (0.75, 1.35), (0.5, 1.5)
 # Standard deviations of differences; the largest addition to the amplitude of the lateral oscillation.
-START_STD_M, OFFSET_STD_M, CAMERA_ANGLE_STD_RAD, EXPOSURE_STD_STOPS = 1.5, 0.15, 0.008, 0.15
+START_STD_M, OFFSET_STD_M, CAMERA_ANGLE_STD_RAD, EXPOSURE_STD_STOPS = (
+    1.5,
+    0.15,
+    0.008,
+    0.15,
+)
 WANDER_M = 0.1
 
 
@@ -137,17 +181,36 @@ def vary_drive(drive: Drive, seed: int) -> Drive:
     rng = np.random.default_rng([drive.seed, seed])
     pose, road = drive.camera.require_pose(), drive.road
     height_m = pose.height_m * rng.uniform(*CAMERA_HEIGHT)
-    pitch_rad, yaw_rad = np.array([pose.pitch_rad, pose.yaw_rad]) + rng.normal(0, CAMERA_ANGLE_STD_RAD, 2)
-    camera = drive.camera.with_pose(replace(pose, height_m=height_m, pitch_rad=pitch_rad, yaw_rad=yaw_rad))
+    pitch_rad, yaw_rad = np.array([pose.pitch_rad, pose.yaw_rad]) + rng.normal(
+        0, CAMERA_ANGLE_STD_RAD, 2
+    )
+    camera = drive.camera.with_pose(
+        replace(pose, height_m=height_m, pitch_rad=pitch_rad, yaw_rad=yaw_rad)
+    )
     # a road of another size has the same slopes
     scale = rng.uniform(*ROAD_SCALE)
     profile = replace(road.profile, stations_m=road.profile.stations_m * scale)
     road = RoadGeometry(road.stations_m * scale, road.values / scale, profile)
-    motion, exposure = _vary_motion(drive.motion, rng), drive.lens.exposure + rng.normal(0, EXPOSURE_STD_STOPS)
-    lens = replace(drive.lens, exposure=exposure, noise=drive.lens.noise * rng.uniform(*NOISE))
-    markings = tuple(replace(m, wear=m.wear * rng.uniform(*WEAR)) for m in drive.markings)
+    motion, exposure = (
+        _vary_motion(drive.motion, rng),
+        drive.lens.exposure + rng.normal(0, EXPOSURE_STD_STOPS),
+    )
+    lens = replace(
+        drive.lens, exposure=exposure, noise=drive.lens.noise * rng.uniform(*NOISE)
+    )
+    markings = tuple(
+        replace(m, wear=m.wear * rng.uniform(*WEAR)) for m in drive.markings
+    )
     seed = drive.seed + 10_000 * seed
-    return replace(drive, road=road, motion=motion, camera=camera, lens=lens, markings=markings, seed=seed)
+    return replace(
+        drive,
+        road=road,
+        motion=motion,
+        camera=camera,
+        lens=lens,
+        markings=markings,
+        seed=seed,
+    )
 
 
 def _vary_motion(motion: Motion, rng: np.random.Generator) -> Motion:
@@ -156,7 +219,9 @@ def _vary_motion(motion: Motion, rng: np.random.Generator) -> Motion:
         motion,
         start_m=motion.start_m + rng.normal(0, START_STD_M),
         speed_mps=motion.speed_mps * speed,
-        later_speeds=tuple((time_s, later * speed) for time_s, later in motion.later_speeds),
+        later_speeds=tuple(
+            (time_s, later * speed) for time_s, later in motion.later_speeds
+        ),
         offset_m=motion.offset_m + rng.normal(0, OFFSET_STD_M),
         wander_m=motion.wander_m + rng.uniform(0, WANDER_M),
         wander_period_s=motion.wander_period_s * rng.uniform(*PERIOD),

@@ -16,7 +16,15 @@ from simulator.rendering.drive import Drive, Motion, SuiteScene
 from simulator.road.geometry import RoadGeometry
 from simulator.road.markings import WHITE, Marking
 from simulator.road.surface import Seam, Zone
-from simulator.scenes.freeway import LANE_WIDTH_M, Freeway, car, daylight, freeway_drive, oncoming_cars, plant_trees
+from simulator.scenes.freeway import (
+    LANE_WIDTH_M,
+    Freeway,
+    car,
+    daylight,
+    freeway_drive,
+    oncoming_cars,
+    plant_trees,
+)
 from simulator.scenes.mountain import country_road_drive
 from simulator.weather import Fog, Night, Wet
 
@@ -36,16 +44,46 @@ def plain_motorway(seed: int, freeway: Freeway = PLAIN, **changes) -> Drive:
     )
     country = (
         PlacedWall(4.4, "jersey", seed=seed),
-        *oncoming_cars(seed + 1, s_m=(60, 620), opposite_m=OPPOSITE_EDGE_M, speed_mps=26.0),
-        *plant_trees(seed + 2, "oak plane", s_m=(10, 560), d_m=(-40, -21), height_m=(4, 10), every_m=15),
-        *plant_trees(seed + 3, "plane oak", s_m=(30, 560), d_m=(34, 50), height_m=(6, 11), every_m=20),
+        *oncoming_cars(
+            seed + 1, s_m=(60, 620), opposite_m=OPPOSITE_EDGE_M, speed_mps=26.0
+        ),
+        *plant_trees(
+            seed + 2,
+            "oak plane",
+            s_m=(10, 560),
+            d_m=(-40, -21),
+            height_m=(4, 10),
+            every_m=15,
+        ),
+        *plant_trees(
+            seed + 3,
+            "plane oak",
+            s_m=(30, 560),
+            d_m=(34, 50),
+            height_m=(6, 11),
+            every_m=20,
+        ),
     )
     return freeway_drive(
         freeway,
-        road=RoadGeometry([0.0, 55.0, 120.0, 300.0, 360.0], [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0]),
-        motion=Motion(0.0, 27.0, offset_m=0.12, wander_m=0.2, wander_period_s=6.0, pitch_rad=float(np.radians(0.2))),
+        road=RoadGeometry(
+            [0.0, 55.0, 120.0, 300.0, 360.0],
+            [1 / 520, 1 / 520, -1 / 430, -1 / 430, 0.0],
+        ),
+        motion=Motion(
+            0.0,
+            27.0,
+            offset_m=0.12,
+            wander_m=0.2,
+            wander_period_s=6.0,
+            pitch_rad=float(np.radians(0.2)),
+        ),
         seed=seed,
-        **({"objects": traffic + country} | daylight(75, 50, tree_density=0.4) | changes),
+        **(
+            {"objects": traffic + country}
+            | daylight(75, 50, tree_density=0.4)
+            | changes
+        ),
     )
 
 
@@ -60,38 +98,76 @@ def _dapple() -> Drive:
     rng = np.random.default_rng(311)
     starts = np.arange(0.0, 230.0, 11.0)
     shades = tuple(
-        TreeShade(s, s + rng.uniform(7, 15), -rng.uniform(1, 7), rng.uniform(3, 9), rng.uniform(0.85, 0.97))
+        TreeShade(
+            s,
+            s + rng.uniform(7, 15),
+            -rng.uniform(1, 7),
+            rng.uniform(3, 9),
+            rng.uniform(0.85, 0.97),
+        )
         for s in (starts + rng.uniform(-2, 2, len(starts))).tolist()
     )
     freeway = replace(PLAIN, pavement="old asphalt")
-    return plain_motorway(311, freeway, shades=shades, exposure=AutoExposure(0.7, 0.6), lens=Lens(exposure=0.6))
+    return plain_motorway(
+        311,
+        freeway,
+        shades=shades,
+        exposure=AutoExposure(0.7, 0.6),
+        lens=Lens(exposure=0.6),
+    )
 
 
 def _underpass() -> Drive:
     bridge = Overpass(48.0, 78.0, -18.5, 11.5, skew=0.15)
-    drive = plain_motorway(321, shades=(bridge.shade(),), exposure=AutoExposure(0.7, 0.85), lens=Lens(exposure=0.6))
+    drive = plain_motorway(
+        321,
+        shades=(bridge.shade(),),
+        exposure=AutoExposure(0.7, 0.85),
+        lens=Lens(exposure=0.6),
+    )
     return replace(drive, objects=(*drive.objects, bridge))
 
 
 def _low_sun() -> Drive:
     sun = daylight(4, 12, tree_density=0.4, haze_per_km=0.12)
     shades = (TreeShade(50.0, 64.0, -4.0, 8.0, 0.9),)
-    return plain_motorway(331, glare=Glare(veil=1.1, sheen=1.8), shades=shades, lens=Lens(noise=0.005), **sun)
+    return plain_motorway(
+        331,
+        glare=Glare(veil=1.1, sheen=1.8),
+        shades=shades,
+        lens=Lens(noise=0.005),
+        **sun,
+    )
 
 
 def _dirty_glass() -> Drive:
     glare = Glare(veil=1.2, dashboard=1.6)
-    return country_road_drive(341, glare=glare, exposure=AutoExposure(0.8, 0.6), **daylight(-28, 22, tree_density=0.9))
+    return country_road_drive(
+        341,
+        glare=glare,
+        exposure=AutoExposure(0.8, 0.6),
+        **daylight(-28, 22, tree_density=0.9),
+    )
 
 
 def _white_out() -> Drive:
-    freeway = replace(PLAIN, pavement="fresh asphalt", zones=(Zone(44.0, "concrete", 0.2),))
+    freeway = replace(
+        PLAIN, pavement="fresh asphalt", zones=(Zone(44.0, "concrete", 0.2),)
+    )
     shades = (WoodShade(-60.0, 41.0, 0.05),)
-    return plain_motorway(351, freeway, shades=shades, exposure=AutoExposure(1.5, 0.6), lens=Lens(exposure=1.2))
+    return plain_motorway(
+        351,
+        freeway,
+        shades=shades,
+        exposure=AutoExposure(1.5, 0.6),
+        lens=Lens(exposure=1.2),
+    )
 
 
 def _deep_shade() -> Drive:
-    return country_road_drive(361, shades=(WoodShade(-60.0, 400.0, 0.035),), exposure=AutoExposure(0.8, 0.55))
+    return country_road_drive(
+        361, shades=(WoodShade(-60.0, 400.0, 0.035),), exposure=AutoExposure(0.8, 0.55)
+    )
 
 
 def _fog() -> Drive:
@@ -99,7 +175,9 @@ def _fog() -> Drive:
 
 
 def _haze() -> Drive:
-    return plain_motorway(381, fog=Fog(420.0, (0.62, 0.62, 0.60)), **daylight(20, 35, tree_density=0.4))
+    return plain_motorway(
+        381, fog=Fog(420.0, (0.62, 0.62, 0.60)), **daylight(20, 35, tree_density=0.4)
+    )
 
 
 def _wet_night() -> Drive:
@@ -111,29 +189,49 @@ def _wet_night() -> Drive:
             PlacedObject(s, 3.55, Car(paint, heading_rad=np.pi), -19.0)
             for s, paint in ((70.0, "white"), (128.0, "blue"), (190.0, "red"))
         ),
-        *(PlacedObject(12.0 + 42.0 * i, -15.2, Post(9.0, 0.18, arm_m=2.4)) for i in range(9)),
+        *(
+            PlacedObject(12.0 + 42.0 * i, -15.2, Post(9.0, 0.18, arm_m=2.4))
+            for i in range(9)
+        ),
     )
     lines = Freeway(phase_m=3.0, wear=0.3).markings()
-    drive = plain_motorway(391, night=Night(), wet=Wet(film=0.4), objects=others, lens=Lens(noise=0.028, exposure=0.9))
+    drive = plain_motorway(
+        391,
+        night=Night(),
+        wet=Wet(film=0.4),
+        objects=others,
+        lens=Lens(noise=0.028, exposure=0.9),
+    )
     # A two-way road: oncoming cars are left of the lane's left line.
     edge = Marking(LANE_WIDTH_M * 1.5, 0.12, WHITE)
-    surface = replace(drive.surface, left_edge_m=LANE_WIDTH_M * 1.5 + 1.5, opposite_m=None)
+    surface = replace(
+        drive.surface, left_edge_m=LANE_WIDTH_M * 1.5 + 1.5, opposite_m=None
+    )
     motion = replace(drive.motion, speed_mps=22.0)
     return replace(drive, markings=(*lines, edge), surface=surface, motion=motion)
 
 
 def _rain() -> Drive:
-    return plain_motorway(401, rain=True, wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast())
+    return plain_motorway(
+        401, rain=True, wet=Wet(), fog=Fog(700.0, (0.40, 0.42, 0.45)), **_overcast()
+    )
 
 
 def _overcast() -> dict:
     style = daylight(75, 50, tree_density=0.4, cloud_cover=1.0)
-    return style | {"sun": replace(style["sun"], overcast=True), "lens": Lens(exposure=0.5)}
+    return style | {
+        "sun": replace(style["sun"], overcast=True),
+        "lens": Lens(exposure=0.5),
+    }
 
 
 def _with(drive: Drive, *others: PlacedObject) -> Drive:
     """The drive with other vehicles instead of those on the car's carriageway."""
-    kept = [p for p in drive.objects if not (isinstance(p, PlacedObject) and p.speed_mps > 0)]
+    kept = [
+        p
+        for p in drive.objects
+        if not (isinstance(p, PlacedObject) and p.speed_mps > 0)
+    ]
     return replace(drive, objects=(*kept, *others))
 
 
@@ -144,7 +242,13 @@ def _motorcycle() -> Drive:
 
 
 def _cut_in() -> Drive:
-    path = ((0.0, -LANE_WIDTH_M), (0.5, -LANE_WIDTH_M), (2.0, -0.2), (2.7, -0.2), (4.2, -LANE_WIDTH_M))
+    path = (
+        (0.0, -LANE_WIDTH_M),
+        (0.5, -LANE_WIDTH_M),
+        (2.0, -0.2),
+        (2.7, -0.2),
+        (4.2, -LANE_WIDTH_M),
+    )
     others = (
         PlacedObject(16.0, 0.0, Car("white", "suv"), 27.6, path),
         PlacedObject(70.0, -LANE_WIDTH_M, Car("black"), 28.0),
@@ -154,8 +258,17 @@ def _cut_in() -> Drive:
 
 
 def _lorry() -> Drive:
-    path = ((0.0, -LANE_WIDTH_M), (0.8, -LANE_WIDTH_M), (1.8, -2.6), (3.3, -2.6), (4.5, -LANE_WIDTH_M))
-    others = (PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path), PlacedObject(80.0, 0.0, Car("red"), 29.0))
+    path = (
+        (0.0, -LANE_WIDTH_M),
+        (0.8, -LANE_WIDTH_M),
+        (1.8, -2.6),
+        (3.3, -2.6),
+        (4.5, -LANE_WIDTH_M),
+    )
+    others = (
+        PlacedObject(17.0, 0.0, Car("blue", "truck"), 26.4, path),
+        PlacedObject(80.0, 0.0, Car("red"), 29.0),
+    )
     return _with(plain_motorway(431), *others)
 
 

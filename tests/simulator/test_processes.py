@@ -48,11 +48,22 @@ def wait_for(condition, *, seconds: float = 20.0) -> None:
 
 
 @pytest.mark.parametrize("workers", [1, 2])
-def test_results_in_the_order_of_the_jobs_each_on_one_opencv_thread_with_progress(workers):
+def test_results_in_the_order_of_the_jobs_each_on_one_opencv_thread_with_progress(
+    workers,
+):
     before, reports = cv2.getNumThreads(), []
-    results = run_all(slow_square, range(9), workers=workers, progress=lambda *done: reports.append(done))
+    results = run_all(
+        slow_square,
+        range(9),
+        workers=workers,
+        progress=lambda *done: reports.append(done),
+    )
     squares, processes, threads = zip(*results, strict=True)
-    assert squares == tuple(n**2 for n in range(9)) and set(threads) == {1} and cv2.getNumThreads() == before
+    assert (
+        squares == tuple(n**2 for n in range(9))
+        and set(threads) == {1}
+        and cv2.getNumThreads() == before
+    )
     assert (os.getpid() in processes, len(set(processes))) == (workers == 1, workers)
     assert reports == [(done, 9) for done in range(1, 10)]
 
@@ -87,14 +98,21 @@ def writing(tmp_path):
         "from tests.simulator.test_processes import write_slowly\n"
         f"run_all(write_slowly, [Path({str(tmp_path)!r}, name) for name in 'ab'], workers=2)\n"
     )
-    options = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    options = {
+        "stdout": subprocess.PIPE,
+        "stderr": subprocess.PIPE,
+        "text": True,
+        "start_new_session": True,
+    }
     with subprocess.Popen([sys.executable, "-c", code], cwd=ROOT, **options) as process:
         wait_for(lambda: len(list(tmp_path.iterdir())) == 2)
         yield process
         process.kill()
 
 
-def test_an_interrupt_ends_all_processes_without_output_or_files_of_theirs(writing, tmp_path):
+def test_an_interrupt_ends_all_processes_without_output_or_files_of_theirs(
+    writing, tmp_path
+):
     # As the terminal does it: to the whole group.
     os.killpg(writing.pid, signal.SIGINT)
     # Returns when the last process that can still write has ended.
@@ -107,4 +125,11 @@ def test_workers_exit_when_their_parent_is_killed(writing):
     workers = psutil.Process(writing.pid).children(recursive=True)
     assert len(workers) >= 2
     writing.kill()
-    wait_for(lambda: not any(worker.is_running() and worker.status() != "zombie" for worker in workers))
+    wait_for(
+        lambda: (
+            not any(
+                worker.is_running() and worker.status() != "zombie"
+                for worker in workers
+            )
+        )
+    )

@@ -31,23 +31,41 @@ def test_committed_still_is_rendered_again():
 
 def test_video_and_its_truth_do_not_depend_on_the_number_of_processes(tmp_path):
     shade = BridgeShade(66.0, 76.0)
-    drive = small_drive(motion=Motion(60.0, 20.0), camera=TINY, shades=(shade,), exposure=AutoExposure(0.5, 0.8))
+    drive = small_drive(
+        motion=Motion(60.0, 20.0),
+        camera=TINY,
+        shades=(shade,),
+        exposure=AutoExposure(0.5, 0.8),
+    )
     calls = []
     for workers in (1, 2):
-        options = {"seconds": 0.28, "workers": workers, "progress": lambda *done: calls.append(done)}
-        video, csv_file, camera_file = write_video(tmp_path / f"{workers}.mp4", drive=drive, **options)
+        options = {
+            "seconds": 0.28,
+            "workers": workers,
+            "progress": lambda *done: calls.append(done),
+        }
+        video, csv_file, camera_file = write_video(
+            tmp_path / f"{workers}.mp4", drive=drive, **options
+        )
     assert calls == 2 * [(number, 7) for number in range(1, 8)]
     for suffix in (".mp4", ".csv", ".yaml"):
-        assert (tmp_path / f"1{suffix}").read_bytes() == (tmp_path / f"2{suffix}").read_bytes()
+        assert (tmp_path / f"1{suffix}").read_bytes() == (
+            tmp_path / f"2{suffix}"
+        ).read_bytes()
     table = read_telemetry(csv_file)
     for number in range(7):
         row = truth_row(drive.truth(number / VIDEO_FPS), frame=number)
-        assert {name: values[number] for name, values in table.items()} == pytest.approx(row)
+        assert {
+            name: values[number] for name, values in table.items()
+        } == pytest.approx(row)
     assert load_camera(camera_file).pose == POSE
     pictures = [frame.astype(float) for frame in read_video(video)]
     # Each image belongs to its own time, not to that of a neighbour.
     rendered = [render_frame(drive, number / VIDEO_FPS).image for number in range(7)]
-    nearest = [np.argmin([np.abs(picture - other).mean() for other in rendered]) for picture in pictures]
+    nearest = [
+        np.argmin([np.abs(picture - other).mean() for other in rendered])
+        for picture in pictures
+    ]
     assert nearest == list(range(7))
 
 

@@ -27,7 +27,9 @@ WIDE_LINE = (replace(Freeway().markings()[0], wear=0.0, width_m=1.2, dots=False)
 def asphalt_drive(curvature: float = 1 / 250, **changes) -> Drive:
     """`small_drive` on used asphalt at 20 m/s."""
     motion = Motion(60.0, 20.0, offset_m=0.3, heading_rad=0.01)
-    return small_drive(curvature, **{"surface": Freeway().surface(), "motion": motion} | changes)
+    return small_drive(
+        curvature, **{"surface": Freeway().surface(), "motion": motion} | changes
+    )
 
 
 def straight_drive(**changes) -> Drive:
@@ -40,15 +42,23 @@ def test_exposure_covers_63_percent_of_a_step_within_the_time_constant():
         motion=Motion(0.0, 400.0),
         exposure=AutoExposure(0.8),
     )
-    light = partial(road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed)
+    light = partial(
+        road_luminance, surface=drive.surface, shades=drive.shades, seed=drive.seed
+    )
 
     def adapted(time_s: float) -> float:
-        return np.log2(drive.exposure.adapted_light(lambda t: drive.motion.pose(t).s_m, light, time_s))
+        return np.log2(
+            drive.exposure.adapted_light(
+                lambda t: drive.motion.pose(t).s_m, light, time_s
+            )
+        )
 
     before, after = adapted(1.5), adapted(12.0)
     # The metering area from 5 to 25 m ahead is passed in 0.05 s.
     step_s = (1000.0 - 15.0) / 400.0
-    shares = [(adapted(step_s + k * 0.8) - before) / (after - before) for k in (0.0, 1.0, 2.0)]
+    shares = [
+        (adapted(step_s + k * 0.8) - before) / (after - before) for k in (0.0, 1.0, 2.0)
+    ]
     np.testing.assert_allclose(shares, [0.0, 1 - np.exp(-1), 1 - np.exp(-2)], atol=0.04)
 
 
@@ -61,7 +71,10 @@ def test_shadows_fall_away_from_the_sun():
 def linear_light(drive: Drive, monkeypatch) -> np.ndarray:
     """Light (height, width, 3) of the first frame before development."""
     lights = []
-    monkeypatch.setattr("simulator.rendering.render.develop", lambda light, *a, **k: lights.append(light) or light)
+    monkeypatch.setattr(
+        "simulator.rendering.render.develop",
+        lambda light, *a, **k: lights.append(light) or light,
+    )
     render_frame(drive)
     return lights[0]
 
@@ -80,23 +93,40 @@ def test_contrast_in_fog_obeys_koschmieders_law(monkeypatch):
     drive = straight_drive(markings=WIDE_LINE, surface=surface)
     contrast = {}
     for fog in (None, Fog(20.0)):
-        paint, beside = (ground_levels(replace(drive, fog=fog), x, y, monkeypatch) for y in (1.83, 3.3))
+        paint, beside = (
+            ground_levels(replace(drive, fog=fog), x, y, monkeypatch)
+            for y in (1.83, 3.3)
+        )
         contrast[fog] = paint - beside
-    np.testing.assert_allclose(contrast[Fog(20.0)] / contrast[None], 0.05 ** (np.array([10, 20, 40]) / 20), rtol=0.05)
+    np.testing.assert_allclose(
+        contrast[Fog(20.0)] / contrast[None],
+        0.05 ** (np.array([10, 20, 40]) / 20),
+        rtol=0.05,
+    )
 
 
 def test_paint_is_retroreflective_and_asphalt_is_not(monkeypatch):
     x = np.array([10.0, 20.0, 35.0])
-    drives = [straight_drive(night=Night(retroreflection=r), markings=WIDE_LINE) for r in (4.0, 1.0)]
+    drives = [
+        straight_drive(night=Night(retroreflection=r), markings=WIDE_LINE)
+        for r in (4.0, 1.0)
+    ]
     for y, expected in ((1.83, 4.0), (0.6, 1.0)):
         lit, plain = (ground_levels(drive, x, y, monkeypatch) for drive in drives)
         np.testing.assert_allclose(lit / plain, expected, rtol=0.05)
 
 
 def test_rain_changes_the_picture_but_neither_truth_nor_hidden_mask():
-    clear, rainy = (render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9) for rain in (False, True))
+    clear, rainy = (
+        render_frame(asphalt_drive(rain=rain, objects=(BRIDGE,)), 0.9)
+        for rain in (False, True)
+    )
     again = render_frame(asphalt_drive(rain=True, objects=(BRIDGE,)), 0.9)
     np.testing.assert_array_equal(rainy.image, again.image)
     np.testing.assert_array_equal(rainy.hidden, clear.hidden)
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)
-    assert 0.02 < (np.abs(rainy.image.astype(int) - clear.image).max(axis=2) > 8).mean() < 0.6
+    assert (
+        0.02
+        < (np.abs(rainy.image.astype(int) - clear.image).max(axis=2) > 8).mean()
+        < 0.6
+    )
