@@ -164,7 +164,7 @@ class VehiclePose:
     heading_rad: float = 0.0
 
     def to_car(self, road: RoadGeometry, world_m: np.ndarray) -> np.ndarray:
-        """Transform world points (..., 2) to the car's road frame: x forward, y left."""
+        """Transform world points (..., 2) to the car's frame: x forward, y left."""
         angle = self.absolute_heading(road)
         cosine = np.cos(angle)
         sine = np.sin(angle)
