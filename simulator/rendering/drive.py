@@ -1,4 +1,7 @@
-"""Description of a drive: road, objects, light, camera and motion of the car; and of a named drive of the suite."""
+"""Description of a drive, and of a named drive of the suite.
+
+A drive has road, objects, light, camera and motion of the car.
+"""
 
 from __future__ import annotations
 
@@ -99,7 +102,9 @@ class Motion:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered image or video depends on; the types of the fields describe most of them.
+    """Everything that a rendered image or video depends on.
+
+    The types of the fields describe most of them.
 
     `line_laterals_m` are the lateral positions of the line centres from left to right:
     the two lines of the ego lane, or all lines if the car changes lanes; empty without
@@ -158,7 +163,10 @@ class Drive:
 
 @dataclass(frozen=True)
 class SuiteScene:
-    """A named drive of a few seconds: `drive` makes it, `description` is one sentence; the name is in file names."""
+    """A named drive of a few seconds.
+
+    `drive` makes it, `description` is one sentence; the name is in file names.
+    """
 
     name: str
     difficulty: Difficulty

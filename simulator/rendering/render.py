@@ -53,6 +53,7 @@ from simulator.road.markings import paint_markings
 from simulator.road.surface import ground_albedo
 from simulator.road.truth import Truth, truth_row, write_truth_csv
 from simulator.weather import (
+    WET_DARKENING,
     add_falling_drops,
     add_lamp_reflections,
     add_lamps,
@@ -188,7 +189,7 @@ def _ground_light(view: _View, sun: np.ndarray) -> np.ndarray:
     night = drive.night
     light = ground_albedo(drive.surface, ground, seed=drive.seed)
     if drive.wet is not None:
-        light *= np.float32(drive.wet.darkening)
+        light *= WET_DARKENING
     markings = drive.markings if night is None else night.markings(drive.markings)
     paint_markings(light, markings, ground, seed=drive.seed + 100)
     paint_markings(light, drive.symbols, ground, seed=drive.seed + 200)
@@ -312,7 +313,7 @@ def _crest(view: _View) -> tuple[float, np.ndarray | None]:
 
 
 def _backdrop(view: _View) -> np.ndarray:
-    """Image (height, width, 3) of the backdrop, down to the first row of ground only."""
+    """Image (height, width, 3) of the backdrop, down to the first row of ground."""
     rays = pixel_rays(view.drive.camera)
     ground = view.ground
     near = ground.distance.max(axis=1) < MAX_GROUND_M / 3
