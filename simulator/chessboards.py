@@ -1,7 +1,8 @@
 """Chessboard photographs with ground truth: a printed sheet on a plastered wall, seen through the course's lens.
 
-The ray of each pixel, distortion included, is cast onto the plane of the wall, so the corner positions are exact. The
-sheet is flat: paper that looks curled is only shaded, which moves no corner.
+The ray of each pixel, distortion included, is cast onto the plane of the wall, so the
+corner positions are exact. The sheet is flat: paper that looks curled is only shaded,
+which moves no corner.
 """
 
 from __future__ import annotations
@@ -61,10 +62,12 @@ GREY_WALL = PaintedWall(
 class BoardView:
     """One photograph: position, size, orientation and light of the board.
 
-    `u` and `v` are the pixel of the board's centre, `span_px` is the width of its ten squares without rotation.
-    `turn_deg` > 0 brings the right side nearer, `tilt_deg` > 0 the top, `roll_deg` > 0 rotates it clockwise in the
-    image. `lamp` is (u, v, radius in pixels, strength) of the glow on the wall. `falloff` is the share of light lost
-    from left to right and from top to bottom. `extra_px` adds columns and rows: the same camera with a larger crop.
+    `u` and `v` are the pixel of the board's centre, `span_px` is the width of its ten
+    squares without rotation. `turn_deg` > 0 brings the right side nearer, `tilt_deg` >
+    0 the top, `roll_deg` > 0 rotates it clockwise in the image. `lamp` is (u, v, radius
+    in pixels, strength) of the glow on the wall. `falloff` is the share of light lost
+    from left to right and from top to bottom. `extra_px` adds columns and rows: the
+    same camera with a larger crop.
     """
 
     wall: PaintedWall
@@ -160,8 +163,9 @@ def write_boards(
 ) -> list[Path]:
     """Files written: calibration1.jpg .. calibration20.jpg and truth.json, in a folder that is created where needed.
 
-    `progress` is called as progress(images done, number of images). `workers` is the number of processes (default:
-    one for each available CPU) and does not change the files. Raises OSError if the folder cannot be written to.
+    `progress` is called as progress(images done, number of images). `workers` is the
+    number of processes (default: one for each available CPU) and does not change the
+    files. Raises OSError if the folder cannot be written to.
     """
     folder = Path(folder)
     # a folder that cannot be made is reported before the images are rendered
@@ -250,7 +254,8 @@ def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     """Points of the wall seen by each pixel: x and y (height, width) in metres from the centre of the sheet."""
     (turn, shift), rays = _board_pose(view), pixel_rays(view.camera, np.float64)
     normal = turn[:, 2]
-    # A ray nearly parallel to the wall is given a far intersection, where there is only paint.
+    # A ray nearly parallel to the wall is given a far intersection, where there is only
+    # paint.
     slope = np.maximum(rays @ normal, 1e-2)
     hit = rays * (normal @ shift / slope)[..., None] - shift
     return hit @ turn[:, 0], hit @ turn[:, 1]
@@ -313,7 +318,8 @@ def _sheet(
     edge = _outside(x, y) + 0.00035 * ripple
     pixel = np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1)) + 1e-9
     coverage = np.clip(0.5 - edge / pixel, 0, 1)
-    # Paper is not quite flat: shading varies by 1 to 2 %, more at the border, which lifts off the wall.
+    # Paper is not quite flat: shading varies by 1 to 2 %, more at the border, which
+    # lifts off the wall.
     shade = 1 + 0.012 * ripple + 0.05 * ripple * np.exp(np.minimum(edge, 0) / 0.006)
     ink = _ink(x, y)[..., None]
     sheen = 0.02 * glow[..., None]

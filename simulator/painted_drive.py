@@ -1,7 +1,8 @@
 """Drives along painted roads, with the truth of every frame: quick to make, for fits and tests over time.
 
-A road is a clothoid line (`simulator.road.geometry`), and the car moves as in the rendered drives (`Motion`). Stripes
-are polygons, which takes a few milliseconds a frame.
+A road is a clothoid line (`simulator.road.geometry`), and the car moves as in the
+rendered drives (`Motion`). Stripes are polygons, which takes a few milliseconds a
+frame.
 """
 
 from __future__ import annotations
@@ -45,8 +46,9 @@ CAMERA = Camera(
 class Stripe:
     """A line, a seam or a shadow along the road, `lateral_m` left of the reference line.
 
-    `dash_m` is (length, period), `phase_m` the arc length at which a dash begins. The stripe is painted between the arc
-    lengths `along_m`, but not at the times `gone_s` (from, to).
+    `dash_m` is (length, period), `phase_m` the arc length at which a dash begins. The
+    stripe is painted between the arc lengths `along_m`, but not at the times `gone_s`
+    (from, to).
     """
 
     lateral_m: float
@@ -80,8 +82,8 @@ class Stripe:
 class PaintedDrive:
     """A road with stripes on it, and the car's motion along it.
 
-    `lane_m` are the lateral positions of the ego lane's lines at the start. Between the times `black_s` (from, to) all
-    frames are black.
+    `lane_m` are the lateral positions of the ego lane's lines at the start. Between the
+    times `black_s` (from, to) all frames are black.
     """
 
     road: RoadGeometry
@@ -119,7 +121,8 @@ class PaintedDrive:
         if self.black_s[0] <= time_s < self.black_s[1]:
             return np.zeros((height, width, 3), np.uint8)
         pose, camera = self.motion.pose(time_s), self.camera_at(time_s)
-        # the reference line and its normal in the car's frame; all stripes are offsets along that normal
+        # the reference line and its normal in the car's frame; all stripes are offsets
+        # along that normal
         base, left_1_m = (
             pose.to_car(self.road, offset_point(self.road, pose.s_m + AHEAD_M, d))
             for d in (0.0, 1.0)
