@@ -1,4 +1,5 @@
-"""Render the course's chessboards, stills and videos, or a scene of the suite, with their ground truth."""
+"""Render the course's chessboards, stills and videos, or a scene of the suite,
+with their ground truth."""
 
 from __future__ import annotations
 
