@@ -76,7 +76,10 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _render(name: str, options: argparse.Namespace) -> list[Path]:
+def _render(
+    name: str,
+    options: argparse.Namespace,
+) -> list[Path]:
     """Files written for one of EMBEDDED."""
     from simulator.chessboards import write_boards
     from simulator.scenes.suite import write_course_video, write_stills

@@ -99,7 +99,7 @@ def paint_backdrop(
     x, y, z = directions
     # cv2.phase is 0 to 2 pi. The panorama is padded by a column on each side, so that
     # it wraps.
-    column = cv2.phase(x, y) * PIXELS_PER_RAD + np.float32(0.5)
+    column = cv2.phase(x, y) * PIXELS_PER_RAD + 0.5
     row = (Z_TOP - z) * PIXELS_PER_RAD - 0.5
     panorama = _panorama(style, seed)
     return cv2.remap(
@@ -151,7 +151,11 @@ class _Panorama:
     `image` (ROWS, COLUMNS, 3) starts with the clear sky.
     """
 
-    def __init__(self, style: BackdropStyle, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        style: BackdropStyle,
+        rng: np.random.Generator,
+    ) -> None:
         self.style = style
         self.rng = rng
         self.image = _sky(style)
@@ -185,7 +189,7 @@ class _Panorama:
         thick = smoothstep(edge + 0.1, edge + 1.7, density)
         bright = 0.84 - 0.46 * thick + 0.22 * (density - above)
         bright = np.clip(bright, 0.26, 1.05)[..., None]
-        blend(sky, bright * np.float32(0.95) + CLOUD_TINT, cover)
+        blend(sky, bright * 0.95 + CLOUD_TINT, cover)
 
     def paint_ridges(self) -> None:
         """Paint the far wooded ridges."""
@@ -240,9 +244,9 @@ class _Panorama:
         trees = 2.4 * self.style.tree_density
         patches = smoothstep(1.2 - trees, 2.2 - trees, noise)[..., None]
         mixed = colour + patches * (patch_colour - colour)
-        mixed = mixed * (1 + np.float32(0.12) * noise)[..., None]
+        mixed = mixed * (1 + 0.12 * noise)[..., None]
 
         air = aerial_perspective(1000 * distance_km, self.style.haze_per_km)
-        share = np.clip((skyline - z) * PIXELS_PER_RAD + np.float32(0.5), 0, 1)
+        share = np.clip((skyline - z) * PIXELS_PER_RAD + 0.5, 0, 1)
         seen = mixed * air.transmittance + air.airlight
         blend(self.image[first:], seen, share)

@@ -516,7 +516,10 @@ def _wall(
     return np.clip(shade, 0.2, 2.0)[..., None] * paint + reflection
 
 
-def _pixel_size(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _pixel_size(
+    x: np.ndarray,
+    y: np.ndarray,
+) -> np.ndarray:
     """Width (height, width) of each pixel on the wall, metres."""
     return np.hypot(np.gradient(x, axis=1), np.gradient(y, axis=1))
 
@@ -546,7 +549,10 @@ def _sheet(
     return shade[..., None] * (paper * (1 - ink) + black * ink), coverage
 
 
-def _ink(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _ink(
+    x: np.ndarray,
+    y: np.ndarray,
+) -> np.ndarray:
     """Black share (height, width) of each pixel's footprint on the sheet.
 
     It is counted at 4 x 4 points.
@@ -573,7 +579,10 @@ def _ink(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return ink
 
 
-def _outside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _outside(
+    x: np.ndarray,
+    y: np.ndarray,
+) -> np.ndarray:
     """Signed distance in metres from the outline of the sheet, negative inside."""
     width_m, height_m = PAPER_M
     dx = np.abs(x) - width_m / 2
@@ -582,7 +591,11 @@ def _outside(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     return beyond + np.minimum(np.maximum(dx, dy), 0)
 
 
-def _sample_tile(tile: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def _sample_tile(
+    tile: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
+) -> np.ndarray:
     """Sample a tile that is periodic in both directions."""
     side = tile.shape[0]
     wrapped = cv2.copyMakeBorder(tile, 0, 1, 0, 1, cv2.BORDER_WRAP)

@@ -29,7 +29,11 @@ def not_a_road(kind: str, seed: int) -> np.ndarray:
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
-def _colour(rng: np.random.Generator, low: int = 0, high: int = 255) -> Colour:
+def _colour(
+    rng: np.random.Generator,
+    low: int = 0,
+    high: int = 255,
+) -> Colour:
     red, green, blue = rng.integers(low, high, 3).tolist()
     return red, green, blue
 

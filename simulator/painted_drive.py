@@ -113,7 +113,11 @@ class PaintedDrive:
         """Camera with the pitch at a time."""
         return self.motion.pitched(self.camera, time_s)
 
-    def truth(self, time_s: float, lane_m: tuple[float, float] | None = None) -> Truth:
+    def truth(
+        self,
+        time_s: float,
+        lane_m: tuple[float, float] | None = None,
+    ) -> Truth:
         """Ground truth of the frame at `time_s`."""
         return lane_truth(
             self.road,
@@ -157,7 +161,11 @@ class PaintedDrive:
         grey = GREY[0]
         return [grey + self.contrast * (channel - grey) for channel in stripe.colour]
 
-    def _outlines(self, stripe: Stripe, time_s: float) -> list[np.ndarray]:
+    def _outlines(
+        self,
+        stripe: Stripe,
+        time_s: float,
+    ) -> list[np.ndarray]:
         """Corners (N, 2) int32 of each painted piece, in sixteenths of a pixel."""
         pose = self.motion.pose(time_s)
         base, normal = _reference_line(self.road, pose)
@@ -198,7 +206,10 @@ def _reference_line(
     return base, pose.line_to_car(road, s, 1.0) - base
 
 
-def _interpolate(line_m: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:
+def _interpolate(
+    line_m: np.ndarray,
+    ahead_m: np.ndarray,
+) -> np.ndarray:
     """Points (M, 2) of a line (N, 2), which is given at AHEAD_M."""
     x, y = line_m.T
     x = np.interp(ahead_m, AHEAD_M, x)
@@ -207,7 +218,11 @@ def _interpolate(line_m: np.ndarray, ahead_m: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _grain(height: int, width: int, std: float) -> np.ndarray:
+def _grain(
+    height: int,
+    width: int,
+    std: float,
+) -> np.ndarray:
     """Noise (height, width, 3), cached: drawing it for each frame costs 50 ms."""
     shape = (height + SPARE_PX, width + SPARE_PX, 3)
     noise = np.random.default_rng(1).normal(0, std, shape)

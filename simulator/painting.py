@@ -79,7 +79,9 @@ def _value_noise(
 
 
 def smoothstep(
-    low: np.ndarray | np.floating | float, high: np.floating | float, x: np.ndarray
+    low: np.ndarray | np.floating | float,
+    high: np.floating | float,
+    x: np.ndarray,
 ) -> np.ndarray:
     """Smooth step: 0 below `low`, 1 above `high`, a cubic between."""
     t = np.clip((x - low) / (high - low), 0, 1)
@@ -131,7 +133,11 @@ def _wave_amplitudes(octaves: int) -> np.ndarray:
     return total
 
 
-def sample(image: np.ndarray, u: np.ndarray, v: np.ndarray) -> np.ndarray:
+def sample(
+    image: np.ndarray,
+    u: np.ndarray,
+    v: np.ndarray,
+) -> np.ndarray:
     """Bilinear samples of a one-channel image at pixels (u, v) of any shape, float32.
 
     Samples outside the image are 0.
@@ -252,14 +258,20 @@ def _frustum_planes(camera: Camera, wider: float) -> np.ndarray:
     return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], sides])
 
 
-def heights_above(planes: np.ndarray, points_m: np.ndarray) -> np.ndarray:
+def heights_above(
+    planes: np.ndarray,
+    points_m: np.ndarray,
+) -> np.ndarray:
     """Distances (..., P) of points (..., 3) from planes (P, 4), > 0 inside."""
     # One matrix product, because numpy multiplies a stack of small matrices one by one.
     heights = points_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
     return heights.reshape(*points_m.shape[:-1], len(planes))
 
 
-def clip_polygon(points_m: np.ndarray, planes: np.ndarray) -> np.ndarray:
+def clip_polygon(
+    points_m: np.ndarray,
+    planes: np.ndarray,
+) -> np.ndarray:
     """Corners (M, 3) of a polygon (N, 3) clipped to all `planes` (P, 4).
 
     M is 0 for a polygon outside. Sutherland and Hodgman, Reentrant polygon clipping,
@@ -334,7 +346,10 @@ def paint_polygons(
 
 
 def _fill_polygons(
-    points: np.ndarray, ends: list[int], paint: list[list[float]], size: np.ndarray
+    points: np.ndarray,
+    ends: list[int],
+    paint: list[list[float]],
+    size: np.ndarray,
 ) -> np.ndarray:
     """Anti-aliased RGBA layer (height, width, 4) of polygons.
 
@@ -363,7 +378,11 @@ def _fill_polygons(
 
 
 def composite(
-    image: np.ndarray, layer: np.ndarray, left: int, top: int, air: Atmosphere
+    image: np.ndarray,
+    layer: np.ndarray,
+    left: int,
+    top: int,
+    air: Atmosphere,
 ) -> None:
     """Composite a layer over an image (H, W, 3) at `left`, `top`, in place.
 
@@ -382,7 +401,11 @@ def composite(
     window += cv2.merge(seen)
 
 
-def blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
+def blend(
+    below: np.ndarray,
+    above: np.ndarray,
+    share: np.ndarray,
+) -> None:
     """Blend an image or a colour over an image `below` (H, W, 3), in place.
 
     `share` (H, W) is the opacity.
@@ -393,7 +416,10 @@ def blend(below: np.ndarray, above: np.ndarray, share: np.ndarray) -> None:
 
 
 def blend_pixels(
-    image: np.ndarray, pixels: np.ndarray, share: np.ndarray, colour: np.ndarray
+    image: np.ndarray,
+    pixels: np.ndarray,
+    share: np.ndarray,
+    colour: np.ndarray,
 ) -> None:
     """Blend a colour, (3,) or (3, K) float32, over an image (H, W, 3), in place.
 

@@ -107,8 +107,8 @@ def _map_on_workers(
     except BrokenProcessPool as error:
         raise OSError(
             "a worker process ended before its work was done: memory may be short, or "
-            'a script calls this outside of `if __name__ == "__main__":`; correct that, '
-            "or use workers=1."
+            'a script calls this outside of `if __name__ == "__main__":`; correct '
+            "that, or use workers=1."
         ) from error
     finally:
         pool.shutdown(cancel_futures=True)

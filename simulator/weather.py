@@ -53,7 +53,11 @@ class Fog:
         """Apply the fog to the light of the ground (rows, width, 3), in place."""
         self._veil(light, self.transmittance(ground.distance))
 
-    def apply_to_sky(self, light: np.ndarray, up: np.ndarray) -> None:
+    def apply_to_sky(
+        self,
+        light: np.ndarray,
+        up: np.ndarray,
+    ) -> None:
         """Apply the fog to the backdrop, in place.
 
         `up` is the z component (rows, width) of the directions.
@@ -62,7 +66,11 @@ class Fog:
         distance_m = self.height_m / np.maximum(up, 1e-3)
         self._veil(light, self.transmittance(distance_m))
 
-    def _veil(self, light: np.ndarray, transmittance: np.ndarray) -> None:
+    def _veil(
+        self,
+        light: np.ndarray,
+        transmittance: np.ndarray,
+    ) -> None:
         # cv2, because numpy is slow where the innermost axis has three elements.
         # OpenCV's stubs miss scalars.
         colour = (*self.colour, 0.0)
@@ -76,12 +84,12 @@ SODIUM = np.array([1.0, 0.62, 0.25], np.float32)
 TOWN_GLOW = np.array([0.010, 0.007, 0.005], np.float32)
 # Light as a share of open daylight: of the sky and the town, of the car's low beam on
 # the road just ahead, and directly below a street lamp.
-AMBIENT = 0.004
-HEADLIGHTS = 0.60
+AMBIENT = np.float32(0.004)
+HEADLIGHTS = np.float32(0.60)
 STREET_LAMP = 0.10
 # Low beam: half width, and the distance beyond which the light on the road falls
 # steeply.
-BEAM_HALF_WIDTH_RAD = 0.32
+BEAM_HALF_WIDTH_RAD = np.float32(0.32)
 BEAM_RANGE_M = 20.0
 # Lamps of vehicle bodies in their own frame: (x, y, z) of one lamp of a pair, colour
 # times brightness.
@@ -128,17 +136,21 @@ class Night:
 
     retroreflection: float = 3.0
 
-    def ground_light(self, ground: Ground, objects: list[SceneObject]) -> np.ndarray:
+    def ground_light(
+        self,
+        ground: Ground,
+        objects: list[SceneObject],
+    ) -> np.ndarray:
         """Light (rows, width, 3) on the ground: headlights, street lamps and sky."""
         x = _halve(ground.x)
         y = _halve(ground.y)
-        light = _beam(x, y, power=1.5)[..., None] * HALOGEN + np.float32(AMBIENT)
+        light = _beam(x, y, power=1.5)[..., None] * HALOGEN + AMBIENT
         for lamp in objects:
             if isinstance(lamp, Post) and lamp.arm_m:
                 # Cosine of incidence over squared distance, 1 below the lamp.
                 distance2 = (x - lamp.x_m) ** 2 + (y - lamp.y_m - lamp.arm_m) ** 2
                 below = (1 + distance2 / lamp.height_m**2) ** -1.5
-                share = np.float32(STREET_LAMP) * below**1.5
+                share = STREET_LAMP * below**1.5
                 light += share[..., None].astype(np.float32) * SODIUM
         size = ground.x.shape[::-1]
         return cv2.resize(
@@ -148,7 +160,7 @@ class Night:
     def object_light(self, places_m: np.ndarray) -> np.ndarray:
         """Light (N, 3) on objects at positions (N, 2)."""
         light = _beam(*places_m.T, power=1.0)
-        return light[:, None] * HALOGEN + np.float32(AMBIENT)
+        return light[:, None] * HALOGEN + AMBIENT
 
     def markings(self, markings: tuple[Marking, ...]) -> tuple[Marking, ...]:
         """The markings with colours multiplied by the retroreflection."""
@@ -158,13 +170,17 @@ class Night:
             brighter.append(replace(marking, colour=(red, green, blue)))
         return tuple(brighter)
 
-    def darken_sky(self, light: np.ndarray, up: np.ndarray) -> None:
+    def darken_sky(
+        self,
+        light: np.ndarray,
+        up: np.ndarray,
+    ) -> None:
         """Turn a backdrop by day into one at night near a town, in place.
 
         `up` is z (rows, width) of the directions.
         """
         light *= AMBIENT
-        glow = np.exp(-np.maximum(up, 0) / np.float32(0.2))
+        glow = np.exp(-np.maximum(up, 0) / 0.2)
         light += glow[..., None] * TOWN_GLOW
 
 
@@ -172,7 +188,12 @@ def _halve(plane: np.ndarray) -> np.ndarray:
     return cv2.resize(plane, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
 
 
-def _beam(x_m: np.ndarray, y_m: np.ndarray, *, power: float) -> np.ndarray:
+def _beam(
+    x_m: np.ndarray,
+    y_m: np.ndarray,
+    *,
+    power: float,
+) -> np.ndarray:
     """Light of the headlights at positions of any shape.
 
     It falls with the `power` of 1 + the squared distance: 1 on upright surfaces, 1.5 on
@@ -180,9 +201,9 @@ def _beam(x_m: np.ndarray, y_m: np.ndarray, *, power: float) -> np.ndarray:
     """
     distance2 = (np.hypot(x_m, y_m) / BEAM_RANGE_M) ** 2
     angle = np.arctan2(y_m, np.maximum(x_m, np.float32(0.1)))
-    aside = angle / np.float32(BEAM_HALF_WIDTH_RAD)
+    aside = angle / BEAM_HALF_WIDTH_RAD
     fall = 1 / (1 + distance2) ** power
-    return np.float32(HEADLIGHTS) * fall * np.exp(-(np.abs(aside) ** 2.5))
+    return HEADLIGHTS * fall * np.exp(-(np.abs(aside) ** 2.5))
 
 
 @dataclass(frozen=True)
@@ -234,7 +255,10 @@ def _vehicle_lamps(car: Car) -> list[Lamp]:
     return lamps
 
 
-def visible_lamps(objects: list[SceneObject], camera: Camera) -> list[Lamp]:
+def visible_lamps(
+    objects: list[SceneObject],
+    camera: Camera,
+) -> list[Lamp]:
     """Lamps of `find_lamps` that are not hidden by a nearer vehicle."""
     lamps = find_lamps(objects)
     pixels = lamp_pixels(camera, lamps).tolist()
@@ -268,7 +292,11 @@ def lamp_pixels(
     return camera.road_to_pixels(places * [1, 1, up])
 
 
-def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
+def add_lamps(
+    light: np.ndarray,
+    camera: Camera,
+    lamps: list[Lamp],
+) -> None:
     """Add lamps and their glow to the light, in place."""
     height, width = light.shape[:2]
     coarse = GLOW_DOWNSAMPLING
@@ -293,7 +321,11 @@ def add_lamps(light: np.ndarray, camera: Camera, lamps: list[Lamp]) -> None:
 
 
 def _add_disc(
-    light: np.ndarray, u: float, v: float, radius: float, colour: np.ndarray
+    light: np.ndarray,
+    u: float,
+    v: float,
+    radius: float,
+    colour: np.ndarray,
 ) -> None:
     """Add a soft disc, in place; one smaller than a pixel is dimmed by its area."""
     own_sigma = radius / 1.5
@@ -307,7 +339,10 @@ def _add_disc(
 
 
 def _window(
-    shape: tuple[int, ...], u: float, v: float, reach: int
+    shape: tuple[int, ...],
+    u: float,
+    v: float,
+    reach: int,
 ) -> tuple[slice, slice]:
     """Rows and columns of an image of this shape up to `reach` from a pixel."""
     top = max(int(v) - reach, 0)
@@ -373,7 +408,12 @@ class _DropLayer:
         self.map_u, self.map_v = np.meshgrid(u, v)
         self.cover = np.zeros((rows, columns), np.float32)
 
-    def lay_drop(self, at_u: float, at_v: float, radius: float) -> None:
+    def lay_drop(
+        self,
+        at_u: float,
+        at_v: float,
+        radius: float,
+    ) -> None:
         """Add the coverage and the refracted view of a drop."""
         rows, columns = self.cover.shape
         part = _window((rows, columns), at_u, at_v, int(1.6 * radius) + 2)
@@ -383,14 +423,14 @@ class _DropLayer:
         dv = v - np.float32(at_v)
 
         # The edge of the drop is wide, because the camera is focused on the road.
-        distance = np.hypot(du, dv * np.float32(0.85)) / np.float32(radius)
-        inside = np.clip(1.25 - distance, 0, 0.75) / np.float32(0.75)
+        distance = np.hypot(du, dv * 0.85) / np.float32(radius)
+        inside = np.clip(1.25 - distance, 0, 0.75) / 0.75
         better = inside > self.cover[part]
         seen_u = at_u - DROP_MINIFICATION * du
         seen_v = at_v - DROP_MINIFICATION * dv
         self.map_u[part] = np.where(better, seen_u, self.map_u[part])
         self.map_v[part] = np.where(better, seen_v, self.map_v[part])
-        cover = inside * np.float32(0.9)
+        cover = inside * 0.9
         self.cover[part] = np.maximum(self.cover[part], cover)
 
     def lay_blade(self, time_s: float) -> None:
@@ -418,7 +458,12 @@ class _DropLayer:
         np.maximum(self.cover, blade, out=self.cover)
 
 
-def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> None:
+def add_windscreen_drops(
+    light: np.ndarray,
+    time_s: float,
+    *,
+    seed: int,
+) -> None:
     """Put a wet windscreen with drops and wiper in front of the light, in place.
 
     `light` is (height, width, 3).
@@ -450,7 +495,11 @@ def add_windscreen_drops(light: np.ndarray, time_s: float, *, seed: int) -> None
     blend(light, seen, cover)
 
 
-def _drops_of_cycle(number: int, time_s: float, seed: int) -> np.ndarray:
+def _drops_of_cycle(
+    number: int,
+    time_s: float,
+    seed: int,
+) -> np.ndarray:
     """Drops (N, 3) that fell between two wipes and are not wiped off yet.
 
     The wipes are `number` and `number + 1`. u is a share of the width, v and radius are
@@ -496,7 +545,13 @@ class Wet:
 
     film: float = 0.32
 
-    def mirror_share(self, ground: Ground, height_m: float, *, seed: int) -> np.ndarray:
+    def mirror_share(
+        self,
+        ground: Ground,
+        height_m: float,
+        *,
+        seed: int,
+    ) -> np.ndarray:
         """Specular reflectance (rows, width) of the road.
 
         Schlick's approximation times the coverage by puddles, which varies by noise, as
@@ -504,9 +559,9 @@ class Wet:
         """
         distance2 = ground.distance * ground.distance + np.float32(height_m**2)
         cosine = np.float32(height_m) / np.sqrt(distance2)
-        fresnel = np.float32(WATER) + np.float32(1 - WATER) * (1 - cosine) ** 5
+        fresnel = WATER + np.float32(1 - WATER) * (1 - cosine) ** 5
         noise = ground.noise(seed + 81, (5.0, 0.45), octaves=3, fading_m=12.0)
-        puddles = np.float32(self.film) * (1 + np.float32(0.22) * noise)
+        puddles = np.float32(self.film) * (1 + 0.22 * noise)
         return fresnel * np.clip(puddles, 0, 0.95)
 
 

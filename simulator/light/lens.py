@@ -67,7 +67,11 @@ class Lens:
 
 
 def develop(
-    light: np.ndarray, lens: Lens, *, road_light: float, seed: int
+    light: np.ndarray,
+    lens: Lens,
+    *,
+    road_light: float,
+    seed: int,
 ) -> np.ndarray:
     """Image (height, width, 3) uint8 that the camera stores of linear light.
 
@@ -107,7 +111,11 @@ def _blur_chroma(image: np.ndarray, blur_px: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=4)
-def _vignette(height: int, width: int, strength: float) -> np.ndarray:
+def _vignette(
+    height: int,
+    width: int,
+    strength: float,
+) -> np.ndarray:
     v, u = np.mgrid[:height, :width].astype(np.float32)
     distance2 = (u - width / 2) ** 2 + (v - height / 2) ** 2
     corner2 = (width**2 + height**2) / 4
@@ -124,7 +132,11 @@ def _noise_tile(height: int, width: int) -> np.ndarray:
     return noise / noise.std()
 
 
-def _noise(height: int, width: int, seed: int) -> np.ndarray:
+def _noise(
+    height: int,
+    width: int,
+    seed: int,
+) -> np.ndarray:
     """The noise tile, randomly shifted and flipped.
 
     That is much faster than new noise for each frame.
@@ -200,7 +212,8 @@ class AutoExposure:
 
 
 def _metered(
-    stations_m: np.ndarray, luminance: Callable[[np.ndarray], np.ndarray]
+    stations_m: np.ndarray,
+    luminance: Callable[[np.ndarray], np.ndarray],
 ) -> np.ndarray:
     """Mean luminance (N,) of the metering area for the car at stations (N,)."""
     near_m, far_m = METERED_M
@@ -218,7 +231,11 @@ def _metered(
 
 
 def road_luminance(
-    s_m: np.ndarray, surface: Surface, shades: tuple[Shade, ...], *, seed: int
+    s_m: np.ndarray,
+    surface: Surface,
+    shades: tuple[Shade, ...],
+    *,
+    seed: int,
 ) -> np.ndarray:
     """Luminance (N,) of the pavement at arc lengths (N,), without texture.
 

@@ -91,13 +91,17 @@ class TreeShade:
 
         middle = np.minimum(inward.ravel()[near], 0.8)
         level = 1.6 * middle + 0.75 * clusters + 0.35 * leaves
-        t = np.clip((level + 0.05) * 2 + 0.5 - np.float32(0.6), 0, 1)
+        t = np.clip((level + 0.05) * 2 + 0.5 - 0.6, 0, 1)
         sun = np.ones(ground.s.shape, np.float32)
         sun.ravel()[near] -= np.float32(self.density) * t * t * (3 - 2 * t)
         return sun
 
 
-def _relative(place: np.ndarray, low: float, high: float) -> np.ndarray:
+def _relative(
+    place: np.ndarray,
+    low: float,
+    high: float,
+) -> np.ndarray:
     """Position in an interval, -1 at `low` and 1 at `high`."""
     middle = np.float32((low + high) / 2)
     return (place - middle) * np.float32(2 / (high - low))
@@ -163,15 +167,18 @@ class BridgeShade:
         """
         to_start = self.start_m - t
         to_end = self.end_m - t
-        start_sine = to_start / np.hypot(to_start, np.float32(CLEARANCE_M))
-        end_sine = to_end / np.hypot(to_end, np.float32(CLEARANCE_M))
+        start_sine = to_start / np.hypot(to_start, CLEARANCE_M)
+        end_sine = to_end / np.hypot(to_end, CLEARANCE_M)
         return (end_sine - start_sine).astype(np.float32) / 2
 
 
 Shade = TreeShade | WoodShade | BridgeShade
 
 
-def irradiance(normal: np.ndarray, sun: np.ndarray) -> np.ndarray:
+def irradiance(
+    normal: np.ndarray,
+    sun: np.ndarray,
+) -> np.ndarray:
     """Irradiance (N, 3) of surfaces with `normal` (N, 3): sun, sky and road.
 
     The sun is in direction `sun` (3,); white paint that lies in the sun is 1.
@@ -214,18 +221,26 @@ def sky_on_ground(
     for shade in shades:
         if isinstance(shade, BridgeShade):
             share = share - shade.blocked_sky(shade.place(ground))
-    return np.maximum(share, np.float32(BOUNCED_SHARE))
+    return np.maximum(share, BOUNCED_SHARE)
 
 
 def sun_along(
-    shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int
+    shades: tuple[Shade, ...],
+    s_m: np.ndarray,
+    d_m: np.ndarray,
+    *,
+    seed: int,
 ) -> np.ndarray:
     """Share of sunlight (N,) at road coordinates (N,), averaged over the leaves."""
     return sunlight_on_ground(shades, _points(s_m, d_m), seed=seed)[:, 0]
 
 
 def light_along(
-    shades: tuple[Shade, ...], s_m: np.ndarray, d_m: np.ndarray, *, seed: int
+    shades: tuple[Shade, ...],
+    s_m: np.ndarray,
+    d_m: np.ndarray,
+    *,
+    seed: int,
 ) -> np.ndarray:
     """Irradiance (N, 3) relative to open ground at road coordinates (N,).
 
@@ -258,7 +273,10 @@ def _points(s_m: np.ndarray, d_m: np.ndarray) -> Ground:
     )
 
 
-def light_on_ground(sun: np.ndarray, sky: np.ndarray | np.floating) -> np.ndarray:
+def light_on_ground(
+    sun: np.ndarray,
+    sky: np.ndarray | np.floating,
+) -> np.ndarray:
     """Irradiance (rows, width, 3) float32 relative to open ground.
 
     `sun` and `sky` are the shares of sunlight and skylight.
@@ -320,7 +338,7 @@ def add_sheen(
     sheen = cv2.resize(sheen, size, interpolation=cv2.INTER_LINEAR) * sun
 
     # Brighter stones and paint are smoother.
-    sheen *= 0.8 + np.minimum(light[..., 1], 1) * np.float32(0.4)
+    sheen *= 0.8 + np.minimum(light[..., 1], 1) * 0.4
     # cv2.merge, because numpy is slow where the innermost axis has three elements.
     light += cv2.merge([sheen * channel for channel in SUN_COLOUR])
 
@@ -360,7 +378,11 @@ def add_glare(
     cv2.scaleAdd(added, sunshine, light, dst=light)
 
 
-def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
+def _veil(
+    rays: np.ndarray,
+    sun_ray: np.ndarray,
+    strength: float,
+) -> np.ndarray:
     """Veiling light (rows, columns, 3).
 
     Inverse square of the angle to the sun (Stiles-Holladay), plus a constant.
@@ -372,7 +394,10 @@ def _veil(rays: np.ndarray, sun_ray: np.ndarray, strength: float) -> np.ndarray:
     return veil[..., None] * SUN_COLOUR
 
 
-def _sun_disc(rays: np.ndarray, sun_ray: np.ndarray) -> np.ndarray:
+def _sun_disc(
+    rays: np.ndarray,
+    sun_ray: np.ndarray,
+) -> np.ndarray:
     """Overexposed disc of the sun (rows, columns, 3)."""
     centre = (sun_ray[:2] / sun_ray[2]).astype(np.float32)
     off = rays[..., :2] / rays[..., 2:] - centre

@@ -147,7 +147,11 @@ def from_far_to_near(
     return sorted(near, key=lambda pair: -pair[0])
 
 
-def _in_reach(item: Car | Tree | Post, x_m: float, y_m: float) -> bool:
+def _in_reach(
+    item: Car | Tree | Post,
+    x_m: float,
+    y_m: float,
+) -> bool:
     """Whether an object can matter at a place.
 
     It is in view, or a tree or street lamp that can shade or light the road ahead.
@@ -254,7 +258,10 @@ def cast_shadows(
 
 
 def _shadow_mask(
-    polygons_m: list[np.ndarray], camera: Camera, ground: Ground, road: RoadAhead
+    polygons_m: list[np.ndarray],
+    camera: Camera,
+    ground: Ground,
+    road: RoadAhead,
 ) -> np.ndarray:
     """Mask (rows, width) uint8 of shadow polygons (N, 2), anti-aliased."""
     points, ends = _densify(polygons_m)

@@ -44,7 +44,11 @@ class Standing:
         """Position (1, 2) of the object."""
         return self.foot_m[None, :2]
 
-    def cast_hull(self, points_m: np.ndarray, offset_per_m: np.ndarray) -> np.ndarray:
+    def cast_hull(
+        self,
+        points_m: np.ndarray,
+        offset_per_m: np.ndarray,
+    ) -> np.ndarray:
         """Shadow (M, 2) float32 of the convex hull of points (N, 3).
 
         The points are relative to the foot. `offset_per_m` (2,) is the horizontal
@@ -82,7 +86,11 @@ class Post(Standing):
         return [self.cast_hull(self.pole, offset_per_m)]
 
     def paint_over(
-        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+        self,
+        canvas: Canvas,
+        sun: np.ndarray,
+        air: Atmosphere,
+        light: np.ndarray,
     ) -> None:
         """Paint the post, and the arm and the head of a street lamp."""
         faces = [self.pole]
@@ -102,7 +110,11 @@ class Post(Standing):
         paint_polygons(canvas, pixels, colours, atmosphere=air.dimmed(light[0]))
 
 
-def upright_rectangle(x: float, y: Sequence[float], z: Sequence[float]) -> np.ndarray:
+def upright_rectangle(
+    x: float,
+    y: Sequence[float],
+    z: Sequence[float],
+) -> np.ndarray:
     """Corners (4, 3) of a rectangle across the road between two values of y and z.
 
     It faces the rear if `y` rises, else the front.
@@ -288,7 +300,11 @@ class Tree(Standing):
         return [*polygons, self.cast_hull(trunk, offset_per_m)]
 
     def paint_over(
-        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+        self,
+        canvas: Canvas,
+        sun: np.ndarray,
+        air: Atmosphere,
+        light: np.ndarray,
     ) -> None:
         """Paint the trunk, and the crown from the far lumps to the near ones.
 
@@ -337,7 +353,10 @@ class Tree(Standing):
         return low - 0.9 * up, np.array([-up[1], up[0]]), up
 
     def _lump_colours(
-        self, aside: np.ndarray, share: np.ndarray, sun: np.ndarray
+        self,
+        aside: np.ndarray,
+        share: np.ndarray,
+        sun: np.ndarray,
     ) -> np.ndarray:
         """Colours (N, 3), light on the side of the crown that faces the sun."""
         kind = SPECIES[self.species]

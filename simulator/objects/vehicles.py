@@ -142,7 +142,11 @@ def vehicle_faces(body: str, paint: str) -> Faces:
     return Faces(rows[:, :12].reshape(-1, 4, 3), rows[:, 12:15], rows[:, 15])
 
 
-def _part(corners_m: ArrayLike, albedo: ArrayLike, layer: int = 0) -> np.ndarray:
+def _part(
+    corners_m: ArrayLike,
+    albedo: ArrayLike,
+    layer: int = 0,
+) -> np.ndarray:
     """Faces of one or of several materials as rows (F, 16).
 
     A row is four corners, albedo and layer.
@@ -210,7 +214,10 @@ def _even_angles(count: int) -> np.ndarray:
     return np.interp(np.linspace(0, until[-1], count + 1), until, angle)
 
 
-def _car(body: str, paint: str) -> list[np.ndarray]:
+def _car(
+    body: str,
+    paint: str,
+) -> list[np.ndarray]:
     """Body with windows all around, lamps, licence plate and wheels."""
     rings = BODIES[body]
     cells = _loft(rings, 28)
@@ -235,7 +242,11 @@ def _car(body: str, paint: str) -> list[np.ndarray]:
     return parts
 
 
-def _car_wheel(x: float, side: int, flank: float) -> list[np.ndarray]:
+def _car_wheel(
+    x: float,
+    side: int,
+    flank: float,
+) -> list[np.ndarray]:
     """Wheel in its well, and its outer face on the flank."""
     y = sorted((0.8 * flank, flank))
     well = _box((x - 0.3, x + 0.3), y, (0.0, 0.6), RUBBER, -1)
@@ -331,7 +342,11 @@ class Car(Standing):
         return [self.cast_hull(outline_points(self.body) @ self.turn.T, offset_per_m)]
 
     def paint_over(
-        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+        self,
+        canvas: Canvas,
+        sun: np.ndarray,
+        air: Atmosphere,
+        light: np.ndarray,
     ) -> None:
         """Paint the contact shadow and the visible faces."""
         if canvas.misses(self.outline_m()):
@@ -413,7 +428,10 @@ def paint_bonnet(image: np.ndarray, *, light: float) -> None:
 
 
 @lru_cache(maxsize=4)
-def _bonnet_layer(height: int, width: int) -> tuple[np.ndarray, int]:
+def _bonnet_layer(
+    height: int,
+    width: int,
+) -> tuple[np.ndarray, int]:
     """Premultiplied RGBA image of the bonnet (rows, W, 4), and its first row."""
     # Linear interpolation, smoothed to look like pressed steel.
     edge = np.interp(np.arange(width), BONNET[:, 0] * width, BONNET[:, 1] * height)

@@ -64,7 +64,10 @@ class WallProfile:
     ragged: float = 0.0
 
 
-def _stacked(parts: int, colour: tuple[float, float, float]) -> tuple[Part, ...]:
+def _stacked(
+    parts: int,
+    colour: tuple[float, float, float],
+) -> tuple[Part, ...]:
     """A strip in several parts, because the lens bends tall edges."""
     return tuple((0, k / parts, (k + 1) / parts, colour) for k in range(parts))
 
@@ -235,7 +238,11 @@ class Wall:
         return polygons
 
     def paint_over(
-        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+        self,
+        canvas: Canvas,
+        sun: np.ndarray,
+        air: Atmosphere,
+        light: np.ndarray,
     ) -> None:
         """Paint the wall from far to near.
 
@@ -273,7 +280,10 @@ def _arc_lengths(path: np.ndarray) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(steps)])
 
 
-def _quads(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+def _quads(
+    low: np.ndarray,
+    high: np.ndarray,
+) -> np.ndarray:
     """Quadrilaterals (N - 1, 4, ...) between two lines (N, ...)."""
     return np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
 
@@ -326,7 +336,11 @@ class Overpass:
         """Shadow of the bridge for a high sun, and the skylight that it blocks."""
         return BridgeShade(self.start_m, self.end_m, self.skew)
 
-    def slices_at(self, road: RoadGeometry, pose: VehiclePose) -> list[BridgeSlice]:
+    def slices_at(
+        self,
+        road: RoadGeometry,
+        pose: VehiclePose,
+    ) -> list[BridgeSlice]:
         """Slices of the bridge in the car's road frame, for sorting by distance."""
         if self.end_m < pose.s_m - 2 or self.start_m > pose.s_m + MAX_BRIDGE_M:
             return []
@@ -353,7 +367,10 @@ class Overpass:
         return BridgeSlice(faces, np.ones(len(faces)), front=True)
 
     def _sheet(
-        self, d: tuple[float, float], s: tuple[float, float], z: tuple[float, float]
+        self,
+        d: tuple[float, float],
+        s: tuple[float, float],
+        z: tuple[float, float],
     ) -> np.ndarray:
         """Faces (F, 4, 3) across the road in (s, d, z)."""
         near_s, far_s = s
@@ -422,7 +439,11 @@ class BridgeSlice:
         return []
 
     def paint_over(
-        self, canvas: Canvas, sun: np.ndarray, air: Atmosphere, light: np.ndarray
+        self,
+        canvas: Canvas,
+        sun: np.ndarray,
+        air: Atmosphere,
+        light: np.ndarray,
     ) -> None:
         """Paint the slice."""
         daylight = np.ones(3)

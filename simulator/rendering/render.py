@@ -211,7 +211,11 @@ def _meter(ground_light: np.ndarray) -> float:
     return float((metered @ LUMINANCE).mean())
 
 
-def _add_shine(light: np.ndarray, sun: np.ndarray, view: _View) -> np.ndarray | None:
+def _add_shine(
+    light: np.ndarray,
+    sun: np.ndarray,
+    view: _View,
+) -> np.ndarray | None:
     """Add reflections and fog to the ground, in place.
 
     Returns the reflectance (rows, width) of a wet road, or None.
@@ -236,7 +240,12 @@ def _add_shine(light: np.ndarray, sun: np.ndarray, view: _View) -> np.ndarray | 
     return mirror
 
 
-def _paint_objects(light: np.ndarray, view: _View, *, sunny: float) -> np.ndarray:
+def _paint_objects(
+    light: np.ndarray,
+    view: _View,
+    *,
+    sunny: float,
+) -> np.ndarray:
     """Paint objects and bonnet from far to near, in place.
 
     Returns the mask (height, width) of what they hide. `sunny` is the share of sunlight
@@ -324,7 +333,10 @@ def _backdrop(view: _View) -> np.ndarray:
     return light
 
 
-def _directions(rays: np.ndarray, view: _View) -> tuple[np.ndarray, ...]:
+def _directions(
+    rays: np.ndarray,
+    view: _View,
+) -> tuple[np.ndarray, ...]:
     """Unit vectors in the world frame of rays (rows, columns, 3) in camera axes.
 
     They are x, y and z (rows, columns).
@@ -339,7 +351,10 @@ def _directions(rays: np.ndarray, view: _View) -> tuple[np.ndarray, ...]:
 
 
 def _backdrop_light(
-    view: _View, x: np.ndarray, y: np.ndarray, z: np.ndarray
+    view: _View,
+    x: np.ndarray,
+    y: np.ndarray,
+    z: np.ndarray,
 ) -> np.ndarray:
     """Light (rows, columns, 3) of the backdrop in directions from `_directions`."""
     drive = view.drive
@@ -368,7 +383,11 @@ def _mirrored_sky(view: _View) -> np.ndarray:
     return cv2.resize(light, size, interpolation=cv2.INTER_LINEAR)
 
 
-def _composite_ground(light: np.ndarray, radiance: np.ndarray, view: _View) -> None:
+def _composite_ground(
+    light: np.ndarray,
+    radiance: np.ndarray,
+    view: _View,
+) -> None:
     """Composite the ground over the backdrop, in place.
 
     It gets airlight by day, and fades out in the distance.
@@ -392,7 +411,10 @@ def _composite_ground(light: np.ndarray, radiance: np.ndarray, view: _View) -> N
 
 
 def _add_lamp_light(
-    light: np.ndarray, view: _View, mirror: np.ndarray | None, hidden: np.ndarray
+    light: np.ndarray,
+    view: _View,
+    mirror: np.ndarray | None,
+    hidden: np.ndarray,
 ) -> None:
     """Add lamps of vehicles, and their reflections on a wet road, in place."""
     if mirror is None and view.drive.night is None:
@@ -417,7 +439,11 @@ def _add_glare(light: np.ndarray, view: _View) -> None:
 
 
 def _photograph(
-    light: np.ndarray, drive: Drive, time_s: float, *, road_light: float
+    light: np.ndarray,
+    drive: Drive,
+    time_s: float,
+    *,
+    road_light: float,
 ) -> np.ndarray:
     """Image that the camera stores of the light in front of the windscreen."""
     seed = drive.seed * 7919 + round(time_s * 1000)
@@ -520,7 +546,10 @@ def _encode(
     return rows
 
 
-def _video_frame(drive: Drive, number: int) -> tuple[bytes, dict]:
+def _video_frame(
+    drive: Drive,
+    number: int,
+) -> tuple[bytes, dict]:
     """Bytes of a frame, and its row of the truth CSV."""
     frame = render_frame(drive, number / VIDEO_FPS)
     return frame.image.tobytes(), truth_row(frame.truth, frame=number)

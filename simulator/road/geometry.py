@@ -88,7 +88,11 @@ class HeightProfile(PiecewiseLinear):
         """Whether the road is one plane."""
         return bool((self.values == self.values[0]).all())
 
-    def height_above_plane(self, s_m: np.ndarray | float, from_m: float) -> np.ndarray:
+    def height_above_plane(
+        self,
+        s_m: np.ndarray | float,
+        from_m: float,
+    ) -> np.ndarray:
         """Height in metres above the plane that touches the road at `from_m`.
 
         It is the ground plane of a car there. The world is sheared into that plane, not
@@ -140,7 +144,11 @@ class RoadGeometry(PiecewiseLinear):
         origin = points[np.searchsorted(nodes, self.stations_m[0])]
         return nodes, points - origin
 
-    def _displacement(self, start_m: np.ndarray, end_m: np.ndarray) -> np.ndarray:
+    def _displacement(
+        self,
+        start_m: np.ndarray,
+        end_m: np.ndarray,
+    ) -> np.ndarray:
         """Vectors (..., 2) between arc lengths with no station in between.
 
         Gauss-Legendre quadrature of the directions.
@@ -163,7 +171,11 @@ class VehiclePose:
     lateral_m: float = 0.0
     heading_rad: float = 0.0
 
-    def to_car(self, road: RoadGeometry, world_m: np.ndarray) -> np.ndarray:
+    def to_car(
+        self,
+        road: RoadGeometry,
+        world_m: np.ndarray,
+    ) -> np.ndarray:
         """Transform world points (..., 2) to the car's frame: x forward, y left."""
         angle = self.absolute_heading(road)
         cosine = np.cos(angle)
@@ -175,19 +187,28 @@ class VehiclePose:
         """Heading of the car in the world, radians."""
         return float(road.heading(self.s_m)) + self.heading_rad
 
-    def turn_to(self, road: RoadGeometry, s_m: np.ndarray | float) -> np.ndarray:
+    def turn_to(
+        self,
+        road: RoadGeometry,
+        s_m: np.ndarray | float,
+    ) -> np.ndarray:
         """Heading of the road at arc lengths `s_m` relative to the car's, radians."""
         return road.heading(s_m) - self.absolute_heading(road)
 
     def line_to_car(
-        self, road: RoadGeometry, s_m: np.ndarray, lateral_m: np.ndarray | float
+        self,
+        road: RoadGeometry,
+        s_m: np.ndarray,
+        lateral_m: np.ndarray | float,
     ) -> np.ndarray:
         """Transform road coordinates (s, d) to the car's road frame (..., 2)."""
         return self.to_car(road, offset_point(road, s_m, lateral_m))
 
 
 def offset_point(
-    road: RoadGeometry, s_m: np.ndarray | float, lateral_m: np.ndarray | float
+    road: RoadGeometry,
+    s_m: np.ndarray | float,
+    lateral_m: np.ndarray | float,
 ) -> np.ndarray:
     """World points (..., 2) at road coordinates (s, d)."""
     angle = road.heading(s_m)

@@ -89,7 +89,11 @@ class RoadAhead:
             s_at_x = np.interp(np.arange(x[0], x[-1], STEP_M), x, s)
             self._guess = np.rint((s_at_x - s[0]) / STEP_M).astype(np.intp)
 
-    def locate(self, x_m: np.ndarray, y_m: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def locate(
+        self,
+        x_m: np.ndarray,
+        y_m: np.ndarray,
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Road coordinates (s, d) of ground points in the car's frame.
 
         The points (x forward, y left) and the result are float32, metres, of any shape.
@@ -117,7 +121,10 @@ class RoadAhead:
         return (s + self._s0).reshape(x_m.shape), d.reshape(x_m.shape)
 
     def _project(
-        self, x_m: np.ndarray, y_m: np.ndarray, node: np.ndarray
+        self,
+        x_m: np.ndarray,
+        y_m: np.ndarray,
+        node: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Coordinates (s from the table's start, d) of points (N,).
 
@@ -191,7 +198,11 @@ class RoadAhead:
         s, _ = self.locate(*np.asarray(points_m, np.float32).T)
         return np.column_stack([points_m, self.height_above_plane(s.astype(float))])
 
-    def _first_node(self, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+    def _first_node(
+        self,
+        x_m: np.ndarray,
+        y_m: np.ndarray,
+    ) -> np.ndarray:
         """Initial table nodes near the points."""
         if self.winding:
             return _look_up(self._map, x_m, y_m)
@@ -200,7 +211,10 @@ class RoadAhead:
         return self._guess.take(index, mode="clip")
 
 
-def _take(columns: list[np.ndarray], node: np.ndarray) -> list[np.ndarray]:
+def _take(
+    columns: list[np.ndarray],
+    node: np.ndarray,
+) -> list[np.ndarray]:
     """Entries of each column at nodes, all of which are in the table."""
     # mode="clip" saves numpy the bounds check.
     return [column.take(node, mode="clip") for column in columns]
@@ -228,7 +242,11 @@ def _nearest_nodes(points: np.ndarray) -> np.ndarray:
     return node_of_label[label]
 
 
-def _look_up(nodes: np.ndarray, x_m: np.ndarray, y_m: np.ndarray) -> np.ndarray:
+def _look_up(
+    nodes: np.ndarray,
+    x_m: np.ndarray,
+    y_m: np.ndarray,
+) -> np.ndarray:
     """Entries of a map of `_nearest_nodes` at points."""
     rows, columns = nodes.shape
     row = (x_m - MAP_X_M[0]) / MAP_CELL_M + 0.5
@@ -362,7 +380,10 @@ class _Hits(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def pixel_rays(camera: Camera, dtype: type = np.float32) -> np.ndarray:
+def pixel_rays(
+    camera: Camera,
+    dtype: type = np.float32,
+) -> np.ndarray:
     """Ray directions (height, width, 3) of all raw pixels, in camera axes with z = 1.
 
     They are cached for each lens.
@@ -372,7 +393,11 @@ def pixel_rays(camera: Camera, dtype: type = np.float32) -> np.ndarray:
     return rays.reshape(camera.height, camera.width, 3).astype(dtype)
 
 
-def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
+def cast_on_ground(
+    rays: np.ndarray,
+    camera: Camera,
+    road: RoadAhead,
+) -> Ground:
     """Ground that the rays (height, width, 3) of `pixel_rays` meet.
 
     `camera` has the pitch of this moment.
@@ -406,7 +431,10 @@ def cast_on_ground(rays: np.ndarray, camera: Camera, road: RoadAhead) -> Ground:
 
 
 def _cast_on_plane(
-    rays: np.ndarray, to_road: np.ndarray, height_m: float, road: RoadAhead
+    rays: np.ndarray,
+    to_road: np.ndarray,
+    height_m: float,
+    road: RoadAhead,
 ) -> _Hits:
     """Intersection of rays in camera axes with a level road, `height_m` below.
 
@@ -423,7 +451,10 @@ def _cast_on_plane(
     return _Hits(top, drop > least_drop, x, y, *road.locate(x, y))
 
 
-def _steps_along(road: RoadAhead, hits: _Hits) -> tuple[np.ndarray, ...]:
+def _steps_along(
+    road: RoadAhead,
+    hits: _Hits,
+) -> tuple[np.ndarray, ...]:
     """Footprints s_u, s_v, d_u and d_v, computed from the steps of x and y.
 
     Between two bends and at crests, s and d jump from pixel to pixel. Such jumps do not
@@ -454,7 +485,11 @@ def _steps(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return right, down
 
 
-def _cast_on_relief(rays: np.ndarray, height_m: float, road: RoadAhead) -> _Hits:
+def _cast_on_relief(
+    rays: np.ndarray,
+    height_m: float,
+    road: RoadAhead,
+) -> _Hits:
     """First intersection of each ray with the ground.
 
     Ground at distance x and height h is visible if the slope (h - height_m) / x exceeds
@@ -542,7 +577,11 @@ def _refine(
     return x, s, d
 
 
-def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.ndarray:
+def edge_coverage(
+    t: np.ndarray,
+    step_u: np.ndarray,
+    step_v: np.ndarray,
+) -> np.ndarray:
     """Share of a square pixel on the positive side of a straight edge; exact.
 
     `t` is the signed distance of the pixel's centre from the edge in any unit, (2, ...)
@@ -565,7 +604,11 @@ def edge_coverage(t: np.ndarray, step_u: np.ndarray, step_v: np.ndarray) -> np.n
 
 
 def strip_coverage(
-    d: np.ndarray, step_u: np.ndarray, step_v: np.ndarray, low: float, high: float
+    d: np.ndarray,
+    step_u: np.ndarray,
+    step_v: np.ndarray,
+    low: float,
+    high: float,
 ) -> np.ndarray:
     """Share of each pixel between the edges d = `low` and d = `high`."""
     edges = np.array([low, high], np.float32).reshape(2, *[1] * d.ndim)
@@ -574,7 +617,10 @@ def strip_coverage(
 
 
 def dash_coverage(
-    s: np.ndarray, footprint: np.ndarray, paint_m: float, period_m: float
+    s: np.ndarray,
+    footprint: np.ndarray,
+    paint_m: float,
+    period_m: float,
 ) -> np.ndarray:
     """Share of [s - footprint/2, s + footprint/2] that is painted.
 
@@ -586,7 +632,11 @@ def dash_coverage(
     return np.clip((end - start) / footprint, 0, 1)
 
 
-def _painted_until(s: np.ndarray, paint_m: float, period_m: float) -> np.ndarray:
+def _painted_until(
+    s: np.ndarray,
+    paint_m: float,
+    period_m: float,
+) -> np.ndarray:
     """Length of paint between 0 and s."""
     paint = np.float32(paint_m)
     period = np.float32(period_m)

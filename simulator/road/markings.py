@@ -149,13 +149,16 @@ class Marking:
             return dash_coverage(s, footprint, self.dash_m[0], period)
         share = np.zeros_like(s)
         for dot in range(BOTTS_IN_A_DASH):
-            s_dot = s - np.float32(BOTTS_EVERY_M) * np.float32(dot)
+            s_dot = s - BOTTS_EVERY_M * np.float32(dot)
             share += dash_coverage(s_dot, footprint, BOTTS_LENGTH_M, period)
         return share
 
 
 def _between(
-    s: np.ndarray, footprint: np.ndarray, start: np.float32, end: np.float32
+    s: np.ndarray,
+    footprint: np.ndarray,
+    start: np.float32,
+    end: np.float32,
 ) -> np.ndarray:
     """Share of [s - footprint/2, s + footprint/2] between `start` and `end`."""
     low = np.maximum(s - footprint / 2, start)
@@ -226,7 +229,11 @@ def paint_markings(
             blend_pixels(albedo, pixels, coverage, colour)
 
 
-def worn(wear: float, ground: Ground, seed: int) -> np.ndarray:
+def worn(
+    wear: float,
+    ground: Ground,
+    seed: int,
+) -> np.ndarray:
     """Share of paint left on the ground after wear by chips and tyres.
 
     `wear` is that of Marking.
@@ -261,7 +268,11 @@ def _raised_markers(marking: Marking) -> Marking:
 
 
 @lru_cache(maxsize=32)
-def _stencil(kind: str, length_m: float, width_m: float) -> list[np.ndarray]:
+def _stencil(
+    kind: str,
+    length_m: float,
+    width_m: float,
+) -> list[np.ndarray]:
     """Pyramid of the stencil, float32 0..1, with a border; the far end comes first.
 
     Each level has half the rows of the one before.
@@ -281,7 +292,11 @@ def _stencil(kind: str, length_m: float, width_m: float) -> list[np.ndarray]:
     return [np.pad(level, BORDER_PX) for level in levels]
 
 
-def _outline(kind: str, rows: int, columns: int) -> np.ndarray:
+def _outline(
+    kind: str,
+    rows: int,
+    columns: int,
+) -> np.ndarray:
     """Stencil (rows, columns) of one of OUTLINES, filled with 255."""
     picture = np.zeros((rows, columns), np.uint8)
     shape = np.array(OUTLINES[kind])
@@ -295,7 +310,11 @@ def _outline(kind: str, rows: int, columns: int) -> np.ndarray:
     return picture
 
 
-def _word(text: str, rows: int, columns: int) -> np.ndarray:
+def _word(
+    text: str,
+    rows: int,
+    columns: int,
+) -> np.ndarray:
     """Stencil filled with a word in block letters."""
     font = cv2.FONT_HERSHEY_SIMPLEX
     scale = 8.0

@@ -196,7 +196,12 @@ class Surface:
     verge_tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
 
-def ground_albedo(surface: Surface, ground: Ground, *, seed: int) -> np.ndarray:
+def ground_albedo(
+    surface: Surface,
+    ground: Ground,
+    *,
+    seed: int,
+) -> np.ndarray:
     """Reflectance (rows, width, 3) of the ground without markings.
 
     Linear float32 RGB, 1.0 = white paint.
@@ -211,7 +216,11 @@ def ground_albedo(surface: Surface, ground: Ground, *, seed: int) -> np.ndarray:
     return albedo
 
 
-def _noise_layers(surface: Surface, ground: Ground, seed: int) -> np.ndarray:
+def _noise_layers(
+    surface: Surface,
+    ground: Ground,
+    seed: int,
+) -> np.ndarray:
     """Noise (6, rows, width) shared by all materials.
 
     The layers are grain, blotch, stain, streak, and the wear track and oil. Each has
@@ -251,7 +260,10 @@ def _grain(ground: Ground, seed: int) -> np.ndarray:
     return grain
 
 
-def _wear_profiles(surface: Surface, d: np.ndarray) -> list[np.ndarray]:
+def _wear_profiles(
+    surface: Surface,
+    d: np.ndarray,
+) -> list[np.ndarray]:
     """Wheel tracks and oil streak of the lanes, each evaluated at d.
 
     The tracks are 0.85 m to either side of a lane's centre, the oil is at the centre.
@@ -273,7 +285,11 @@ def _wear_profiles(surface: Surface, d: np.ndarray) -> list[np.ndarray]:
     ]
 
 
-def _pavement(surface: Surface, ground: Ground, layers: np.ndarray) -> np.ndarray:
+def _pavement(
+    surface: Surface,
+    ground: Ground,
+    layers: np.ndarray,
+) -> np.ndarray:
     """Reflectance (rows, width, 3) of the zones.
 
     Each is computed only in the rows that show it.
@@ -296,7 +312,11 @@ def _pavement(surface: Surface, ground: Ground, layers: np.ndarray) -> np.ndarra
     return albedo
 
 
-def _reflectance(name: str, ground: Ground, layers: np.ndarray) -> np.ndarray:
+def _reflectance(
+    name: str,
+    ground: Ground,
+    layers: np.ndarray,
+) -> np.ndarray:
     """Reflectance (3, ...) of a material on ground (...).
 
     `layers` (6, ...) are the noise layers there.
@@ -313,13 +333,19 @@ def _reflectance(name: str, ground: Ground, layers: np.ndarray) -> np.ndarray:
     return np.multiply.outer(colour, np.maximum(tone, 0.25))
 
 
-def _at(pixels: np.ndarray, layers: np.ndarray) -> np.ndarray:
+def _at(
+    pixels: np.ndarray,
+    layers: np.ndarray,
+) -> np.ndarray:
     """Noise layers (6, K) at indices (K,) into the raveled rows and columns."""
     return layers.reshape(len(layers), -1)[:, pixels]
 
 
 def _paint_patch(
-    albedo: np.ndarray, patch: Patch, ground: Ground, layers: np.ndarray
+    albedo: np.ndarray,
+    patch: Patch,
+    ground: Ground,
+    layers: np.ndarray,
 ) -> None:
     low = patch.low_m - EDGE_NOISE_M
     high = patch.high_m + EDGE_NOISE_M
@@ -344,7 +370,12 @@ def _paint_patch(
     blend_pixels(albedo, pixels, share, _reflectance(patch.material, part, layers))
 
 
-def _paint_seam(albedo: np.ndarray, seam: Seam, ground: Ground, seed: int) -> None:
+def _paint_seam(
+    albedo: np.ndarray,
+    seam: Seam,
+    ground: Ground,
+    seed: int,
+) -> None:
     margin = seam.width_m + 3 * seam.wander_m + seam.soft_m
     pixels = ground.pixels_between(seam.lateral_m - margin, seam.lateral_m + margin)
     along = ground.along.ravel()[pixels]

@@ -89,7 +89,11 @@ class Truth:
         """False on unmarked roads, dirt tracks and in car parks."""
         return not np.isnan(self.lane_width_m)
 
-    def line_y(self, side: int, x_m: np.ndarray) -> np.ndarray:
+    def line_y(
+        self,
+        side: int,
+        x_m: np.ndarray,
+    ) -> np.ndarray:
         """Lateral position in metres of the left (0) or right (1) line at `x_m`.
 
         NaN where `line_lateral` has none.
@@ -141,7 +145,10 @@ def lane_truth(
     )
 
 
-def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float]:
+def _ego_lines(
+    lines_m: Sequence[float],
+    lateral_m: float,
+) -> tuple[float, float]:
     """Lines next to `lateral_m`.
 
     Those of the outermost lane for a position outside all lanes.
@@ -153,7 +160,11 @@ def _ego_lines(lines_m: Sequence[float], lateral_m: float) -> tuple[float, float
     return lines_m[right - 1], lines_m[right]
 
 
-def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
+def line_pixels(
+    truth: Truth,
+    side: int,
+    camera: Camera,
+) -> np.ndarray:
     """Columns (len(H_SAMPLES),) of the centre of a line in the raw image.
 
     `side` is 0 for the left line, 1 for the right one. The columns are -2 above the
@@ -183,7 +194,10 @@ def line_pixels(truth: Truth, side: int, camera: Camera) -> np.ndarray:
     return np.where(outside, NOT_VISIBLE, u)
 
 
-def visible_pixels(columns: np.ndarray, hidden: np.ndarray) -> np.ndarray:
+def visible_pixels(
+    columns: np.ndarray,
+    hidden: np.ndarray,
+) -> np.ndarray:
     """`columns` of `line_pixels`, with -2 also where an object is in front.
 
     The mask `hidden` (height, width) marks objects.
@@ -195,7 +209,11 @@ def visible_pixels(columns: np.ndarray, hidden: np.ndarray) -> np.ndarray:
     return columns
 
 
-def truth_row(truth: Truth, *, frame: int) -> dict[str, float | None]:
+def truth_row(
+    truth: Truth,
+    *,
+    frame: int,
+) -> dict[str, float | None]:
     """Row of the truth CSV of a video, by column name.
 
     None (an empty field) where there is no value.
@@ -209,7 +227,11 @@ def truth_row(truth: Truth, *, frame: int) -> dict[str, float | None]:
 
 
 def truth_entry(
-    truth: Truth, *, raw_file: str, camera: Camera, hidden: np.ndarray
+    truth: Truth,
+    *,
+    raw_file: str,
+    camera: Camera,
+    hidden: np.ndarray,
 ) -> dict:
     """Entry of a still in truth.json; None (null in JSON) where there is no value."""
     lanes = []
@@ -227,7 +249,11 @@ def truth_entry(
     }
 
 
-def write_truth_json(path: Path, camera: Camera, frames: list[dict]) -> None:
+def write_truth_json(
+    path: Path,
+    camera: Camera,
+    frames: list[dict],
+) -> None:
     """Write truth.json: the camera and one entry for each still.
 
     Each entry has a line of its own, so that diffs are readable.

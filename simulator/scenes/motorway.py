@@ -342,7 +342,10 @@ def _botts_dots() -> Drive:
     )
 
 
-def _change_broken(freeway: Freeway, **changes: Any) -> tuple[Marking, ...]:
+def _change_broken(
+    freeway: Freeway,
+    **changes: Any,
+) -> tuple[Marking, ...]:
     """Markings of a freeway with changes of its broken lines."""
     return tuple(
         replace(marking, **changes) if marking.dashed else marking

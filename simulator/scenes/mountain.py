@@ -53,7 +53,9 @@ def mountain_light(azimuth_deg: float, elevation_deg: float) -> Daylight:
 
 
 def winding_road(
-    *turns: tuple[float, float], straight_m: float = 14.0, ease_m: float = 12.0
+    *turns: tuple[float, float],
+    straight_m: float = 14.0,
+    ease_m: float = 12.0,
 ) -> RoadGeometry:
     """Road of arcs with clothoids and straights between.
 
@@ -177,7 +179,10 @@ def country_road_drive(
     return replace(drive, **changes)
 
 
-def _country_trees(seed: int, d_m: tuple[float, float]) -> tuple[PlacedObject, ...]:
+def _country_trees(
+    seed: int,
+    d_m: tuple[float, float],
+) -> tuple[PlacedObject, ...]:
     return plant_trees(
         seed,
         "oak redwood eucalyptus",
@@ -188,7 +193,11 @@ def _country_trees(seed: int, d_m: tuple[float, float]) -> tuple[PlacedObject, .
     )
 
 
-def wood_edges(end_m: float, *, rock: bool) -> tuple[PlacedObject | PlacedWall, ...]:
+def wood_edges(
+    end_m: float,
+    *,
+    rock: bool,
+) -> tuple[PlacedObject | PlacedWall, ...]:
     """Edges of woods on both sides, with trees in front; `rock`: a cutting left."""
     left = "rock" if rock else "wood"
     return (

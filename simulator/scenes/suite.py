@@ -56,7 +56,7 @@ VIDEOS = {
 
 
 def cache_folder() -> Path:
-    """Folder of rendered scenes: LANES_CACHE if set, else one in the platform's cache folder of this user.
+    """Folder of rendered scenes: LANES_CACHE if set, else a cache folder of this user.
 
     Raises RuntimeError if the user has no home folder.
     """
@@ -66,7 +66,12 @@ def cache_folder() -> Path:
     return caches / "scenes"
 
 
-def scene_path(name: str, folder: str | Path | None = None, *, seed: int = 0) -> Path:
+def scene_path(
+    name: str,
+    folder: str | Path | None = None,
+    *,
+    seed: int = 0,
+) -> Path:
     """Path of the video of a scene, or of its variant number `seed`, rendered or not.
 
     It contains a hash of the renderer, so that no video is outdated. Raises ValueError

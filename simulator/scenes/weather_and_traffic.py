@@ -47,7 +47,11 @@ OVERCAST_LENS = Lens(exposure=0.5)
 
 
 def plain_motorway(
-    seed: int, freeway: Freeway = PLAIN, *, light: Daylight = DAY, **changes: Any
+    seed: int,
+    freeway: Freeway = PLAIN,
+    *,
+    light: Daylight = DAY,
+    **changes: Any,
 ) -> Drive:
     """Motorway that bends left, then right; the car is in the leftmost lane.
 
