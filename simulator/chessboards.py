@@ -562,8 +562,10 @@ def _ink(
     row = y / SQUARE_M + (INNER_ROWS + 1) / 2
     near = np.abs(x) < (INNER_COLUMNS / 2 + 1) * SQUARE_M
     near &= np.abs(y) < (INNER_ROWS / 2 + 1) * SQUARE_M
-    column_v, column_u = (step[near] for step in np.gradient(column))
-    row_v, row_u = (step[near] for step in np.gradient(row))
+    column_v = np.gradient(column, axis=0)[near]
+    column_u = np.gradient(column, axis=1)[near]
+    row_v = np.gradient(row, axis=0)[near]
+    row_u = np.gradient(row, axis=1)[near]
     column = column[near]
     row = row[near]
 
@@ -625,7 +627,7 @@ def _blur_to_footprint(tile: np.ndarray, texels_per_pixel: float) -> np.ndarray:
     if texels_per_pixel <= 1:
         return tile
     margin = 64
-    wide = cv2.copyMakeBorder(tile, *[margin] * 4, cv2.BORDER_WRAP)
+    wide = cv2.copyMakeBorder(tile, margin, margin, margin, margin, cv2.BORDER_WRAP)
     blurred = cv2.GaussianBlur(wide, (0, 0), texels_per_pixel / 2)
     return blurred[margin:-margin, margin:-margin]
 

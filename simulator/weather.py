@@ -447,11 +447,11 @@ class _DropLayer:
         direction = np.array([np.sin(angle), -np.cos(angle)])
         tip = pivot + BLADE_LENGTH * height * direction
 
-        blade = np.zeros_like(self.cover)
-        ends = np.rint([pivot, tip]).astype(int).tolist()
+        bar = np.zeros_like(self.cover)
+        start, end = np.rint([pivot, tip]).astype(int).tolist()
         thickness = max(1, round(0.02 * height))
-        cv2.line(blade, *ends, (0.95,), thickness, cv2.LINE_AA)
-        blade = cv2.GaussianBlur(blade, (0, 0), 0.006 * height)
+        cv2.line(bar, start, end, (0.95,), thickness, cv2.LINE_AA)
+        blade = cv2.GaussianBlur(bar, (0, 0), 0.006 * height)
         over = blade > self.cover
         self.map_u[over] = width / 2
         self.map_v[over] = height - 2

@@ -127,8 +127,8 @@ def _noise_tile(height: int, width: int) -> np.ndarray:
     """Normal noise with the correlation of demosaicing, larger than the image."""
     rng = np.random.default_rng(0)
     shape = (height + SPARE_PX, width + SPARE_PX, 3)
-    noise = rng.standard_normal(shape).astype(np.float32)
-    noise = cv2.GaussianBlur(noise, (0, 0), 0.6)
+    white = rng.standard_normal(shape).astype(np.float32)
+    noise = cv2.GaussianBlur(white, (0, 0), 0.6)
     return noise / noise.std()
 
 

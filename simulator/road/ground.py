@@ -410,10 +410,10 @@ def cast_on_ground(
         hits = _cast_on_relief(rays @ to_road, pose.height_m, road)
 
     if road.profile.level and not road.winding:
-        footprint = (*_steps(hits.s), *_steps(hits.d))
+        s_u, s_v = _steps(hits.s)
+        d_u, d_v = _steps(hits.d)
     else:
-        footprint = _steps_along(road, hits)
-    s_u, s_v, d_u, d_v = footprint
+        s_u, s_v, d_u, d_v = _steps_along(road, hits)
     return Ground(
         top=hits.top,
         station_m=road.pose.s_m,
