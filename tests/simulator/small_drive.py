@@ -33,7 +33,10 @@ PLAIN_LENS = Lens(
 )
 
 
-def small_drive(curvature: float = 1 / 250, **changes: Any) -> Drive:
+def small_drive(
+    curvature: float = 1 / 250,
+    **changes: Any,
+) -> Drive:
     """Off-centre car in a bend, small images without noise.
 
     `changes` are fields of Drive.

@@ -74,7 +74,10 @@ def straight_road(camera, pose: VehiclePose) -> Ground:
     return cast_on_ground(pixel_rays(camera), camera, ahead)
 
 
-def stripes_at(marking: Marking, x_m: float) -> list[tuple[float, float]]:
+def stripes_at(
+    marking: Marking,
+    x_m: float,
+) -> list[tuple[float, float]]:
     """Centre and width in metres of the stripes in the image row `x_m` ahead.
 
     From left to right.

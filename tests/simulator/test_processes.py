@@ -52,7 +52,11 @@ def write_slowly(path: Path) -> None:
         path.unlink()
 
 
-def wait_for(condition: Callable[[], bool], *, seconds: float = 20.0) -> None:
+def wait_for(
+    condition: Callable[[], bool],
+    *,
+    seconds: float = 20.0,
+) -> None:
     until = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < until

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
-from simulator.rendering.drive import Drive
+from simulator.rendering.drive import Drive, SuiteScene
 from simulator.rendering.render import render_frame
 from simulator.road.truth import H_SAMPLES, Truth, line_pixels, visible_pixels
 from simulator.scenes import suite
@@ -22,14 +23,13 @@ from simulator.scenes.suite import (
     vary_drive,
 )
 
-SCENES = pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
+WITH_LANE = {
+    name: scene for name, scene in SUITE.items() if scene.difficulty != "no lane"
+}
+# Scopes keep the tests of a scene together, so that it is made once.
+SCENES = pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE, scope="module")
 SCENES_WITH_LANE = pytest.mark.parametrize(
-    "scene",
-    [
-        pytest.param(scene, id=name)
-        for name, scene in SUITE.items()
-        if scene.difficulty != "no lane"
-    ],
+    "scene", WITH_LANE.values(), ids=WITH_LANE, scope="module"
 )
 
 
@@ -84,9 +84,15 @@ def test_the_cache_folder_is_outside_of_the_project(monkeypatch):
     assert PROJECT_ROOT not in cache_folder().parents
 
 
-def truths_of(scene) -> list[Truth]:
+@lru_cache(maxsize=1)
+def drive_of(scene: SuiteScene) -> Drive:
+    return scene.drive()
+
+
+@lru_cache(maxsize=1)
+def truths_of(scene: SuiteScene) -> list[Truth]:
     """Truth at nine times from the start to the end."""
-    drive = scene.drive()
+    drive = drive_of(scene)
     return [drive.truth(time_s) for time_s in np.linspace(0, scene.seconds, 9)]
 
 
@@ -128,7 +134,7 @@ def stripe_centres(drive: Drive) -> np.ndarray:
 
 @SCENES_WITH_LANE
 def test_every_line_is_a_stripe(scene):
-    drive = scene.drive()
+    drive = drive_of(scene)
     stripes = stripe_centres(drive)
     for line_m in drive.truth(0.0).laterals_m:
         assert np.abs(stripes - line_m).min() < 0.02
@@ -136,7 +142,7 @@ def test_every_line_is_a_stripe(scene):
 
 @SCENES_WITH_LANE
 def test_the_inner_stripe_of_a_double_line_bounds_the_lane(scene):
-    drive = scene.drive()
+    drive = drive_of(scene)
     stripes = stripe_centres(drive)
     left_m, right_m = drive.truth(0.0).laterals_m
     in_lane = stripes[(right_m + 0.02 < stripes) & (stripes < left_m - 0.02)]
@@ -144,7 +150,10 @@ def test_the_inner_stripe_of_a_double_line_bounds_the_lane(scene):
         assert not (np.abs(in_lane - line_m) < 0.3).any()
 
 
-def paint_offsets_px(drive: Drive, time_s: float) -> list[list[float]]:
+def paint_offsets_px(
+    drive: Drive,
+    time_s: float,
+) -> list[list[float]]:
     """Distances, for each line, of its paint from the true columns.
 
     The paint is what changes in the picture without its lane lines, where nothing hides

@@ -29,7 +29,10 @@ ON_LINE_M = 1.83
 BESIDE_LINE_M = 0.6
 
 
-def asphalt_drive(curvature: float = 1 / 250, **changes: Any) -> Drive:
+def asphalt_drive(
+    curvature: float = 1 / 250,
+    **changes: Any,
+) -> Drive:
     """`small_drive` on used asphalt at 20 m/s."""
     drive = small_drive(
         curvature,
@@ -91,7 +94,11 @@ def ground_levels(monkeypatch):
 
     monkeypatch.setattr("simulator.rendering.render.develop", develop)
 
-    def levels(drive: Drive, x_m: np.ndarray, y_m: float) -> np.ndarray:
+    def levels(
+        drive: Drive,
+        x_m: np.ndarray,
+        y_m: float,
+    ) -> np.ndarray:
         points = np.column_stack([x_m, np.full_like(x_m, y_m)])
         pixels = drive.camera_at(0.0).road_to_pixels(points)
         columns, rows = pixels.round().astype(int).T
