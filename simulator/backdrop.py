@@ -24,8 +24,10 @@ Z_TOP = 0.64
 Z_BOTTOM = -0.06
 ROWS = round((Z_TOP - Z_BOTTOM) * PIXELS_PER_RAD)
 # Azimuth of each column, and z component (ROWS, 1) of each row.
-AZIMUTH_RAD = ((np.arange(COLUMNS) + 0.5) / PIXELS_PER_RAD).astype(np.float32)
-Z = (Z_TOP - (np.arange(ROWS) + 0.5) / PIXELS_PER_RAD).astype(np.float32)[:, None]
+_COLUMN = np.arange(COLUMNS)
+_ROW = np.arange(ROWS)[:, None]
+AZIMUTH_RAD = ((_COLUMN + 0.5) / PIXELS_PER_RAD).astype(np.float32)
+Z = (Z_TOP - (_ROW + 0.5) / PIXELS_PER_RAD).astype(np.float32)
 
 # Linear RGB radiance of a dry summer sky (sunlit white paint is 1): at the zenith, the
 # addition at the horizon, and its decay with z. Red decays fastest, so the sky is blue
@@ -120,7 +122,7 @@ def _panorama(style: BackdropStyle, seed: int) -> np.ndarray:
     panorama.paint_hills()
     if style.tree_density:
         panorama.paint_woods()
-    return np.pad(panorama.image, ((0, 0), (1, 1), (0, 0)), mode="wrap")
+    return cv2.copyMakeBorder(panorama.image, 0, 0, 1, 1, cv2.BORDER_WRAP)
 
 
 def _sky(style: BackdropStyle) -> np.ndarray:

@@ -395,9 +395,9 @@ def true_corners(view: BoardView) -> np.ndarray:
     columns = np.arange(INNER_COLUMNS) - (INNER_COLUMNS - 1) / 2
     rows = np.arange(INNER_ROWS) - (INNER_ROWS - 1) / 2
     column, row = np.meshgrid(columns, rows)
-    on_sheet = np.column_stack([column.ravel(), row.ravel(), np.zeros(column.size)])
+    on_sheet = np.stack([column, row, np.zeros(column.shape)], axis=-1)
     pixels, _ = cv2.projectPoints(
-        on_sheet * SQUARE_M,
+        on_sheet.reshape(-1, 3) * SQUARE_M,
         cv2.Rodrigues(turn)[0],
         shift,
         DASHCAM.matrix,
@@ -450,7 +450,8 @@ def _board_pose(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
     rotation = about_z @ about_y @ about_x
     width_m = (INNER_COLUMNS + 1) * SQUARE_M
     distance = DASHCAM.matrix[0, 0] * width_m / view.span_px
-    return rotation, distance * DASHCAM.rays(np.array([[view.u, view.v]]))[0]
+    ray = DASHCAM.rays(np.array([[view.u, view.v]]))[0]
+    return rotation, distance * ray
 
 
 def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
@@ -472,7 +473,8 @@ def _wall_coordinates(view: BoardView) -> tuple[np.ndarray, np.ndarray]:
 def _illumination(view: BoardView, glow: np.ndarray) -> np.ndarray:
     """Brightness (height, width): fall-off, glow of the lamp, and vignetting."""
     width, height = view.camera.size
-    u, v = np.meshgrid(np.linspace(-1, 1, width), np.linspace(-1, 1, height))
+    u = np.linspace(-1, 1, width)
+    v = np.linspace(-1, 1, height)[:, None]
     to_right, to_bottom = view.falloff
     falloff = 1 - (to_right * u + to_bottom * v)
     vignette = 1 - 0.07 * (u**2 + v**2)
@@ -483,7 +485,8 @@ def _glow(view: BoardView) -> np.ndarray:
     """Reflection of the lamp (height, width), with the wide tails of satin paint."""
     lamp_u, lamp_v, radius, strength = view.lamp
     width, height = view.camera.size
-    u, v = np.meshgrid(np.arange(width), np.arange(height))
+    u = np.arange(width)
+    v = np.arange(height)[:, None]
     distance2 = (u - lamp_u) ** 2 + (1.3 * (v - lamp_v)) ** 2
     return strength / (1 + distance2 / radius**2) ** 2
 
@@ -616,7 +619,8 @@ def _plaster() -> np.ndarray:
     fine = _smooth_noise(rng, 3.0)
     coarse = _smooth_noise(rng, 9.0)
     where = _smooth_noise(rng, 60.0)
-    splash = 1 / (1 + np.exp(-7 * (coarse + 0.35 * fine + 0.5 * where - 1.35)))
+    level = coarse + 0.35 * fine + 0.5 * where - 1.35
+    splash = 1 / (1 + np.exp(-7 * level))
     height = splash + 0.05 * coarse + 0.012 * fine
     slope = height - np.roll(height, (2, 1), axis=(0, 1))
     return (slope / slope.std()).astype(np.float32)
@@ -644,7 +648,8 @@ def _smooth_noise(
     """Periodic white noise blurred by a Gaussian of `sigma` texels, unit variance."""
     down = np.fft.fftfreq(side)[:, None]
     across = np.fft.rfftfreq(side)[None, :]
-    gain = np.exp(-2 * (np.pi * sigma) ** 2 * (across**2 + down**2))
+    frequency2 = across**2 + down**2
+    gain = np.exp(-2 * (np.pi * sigma) ** 2 * frequency2)
     waves = np.fft.rfft2(rng.standard_normal((side, side)))
     noise = np.fft.irfft2(waves * gain, (side, side))
     return (noise / noise.std()).astype(np.float32)

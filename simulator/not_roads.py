@@ -17,6 +17,9 @@ STREETS = (
     (200, 200, 200),
     (160, 200, 250),
 )
+# Bright edge between walls, and wood of a shelf.
+EDGE = (240, 240, 235)
+SHELF = (90, 60, 30)
 LETTERS = "abcdefghijklmnopqrstuvwxyz      "
 Colour = tuple[int, int, int]
 
@@ -42,6 +45,15 @@ def _plain(colour: Colour) -> np.ndarray:
     return np.full((HEIGHT, WIDTH, 3), colour, np.uint8)
 
 
+def _fill(
+    image: np.ndarray,
+    corner: tuple[int, int],
+    opposite: tuple[int, int],
+    colour: Colour,
+) -> None:
+    cv2.rectangle(image, corner, opposite, colour, cv2.FILLED)
+
+
 def _wall(rng: np.random.Generator) -> np.ndarray:
     return _plain(_colour(rng, 60, 220))
 
@@ -51,7 +63,8 @@ def _bricks(rng: np.random.Generator) -> np.ndarray:
     height = int(rng.integers(30, 80))
     mortar = _colour(rng, 120, 240)
     for row, y in enumerate(range(0, HEIGHT, height)):
-        cv2.line(image, (0, y), (WIDTH, y), mortar, int(rng.integers(2, 6)))
+        thickness = int(rng.integers(2, 6))
+        cv2.line(image, (0, y), (WIDTH, y), mortar, thickness)
         shift = row % 2 * height
         for x in range(shift, WIDTH, 2 * height):
             cv2.line(image, (x, y), (x, y + height), mortar, 3)
@@ -67,11 +80,12 @@ def _tiles(rng: np.random.Generator) -> np.ndarray:
     v = int(rng.integers(250, 420))
     image[v:] = _colour(rng, 90, 200)
 
-    for x in range(-3 * WIDTH, 4 * WIDTH, int(rng.integers(90, 260))):
+    distance = int(rng.integers(90, 260))
+    for x in range(-3 * WIDTH, 4 * WIDTH, distance):
         cv2.line(image, (u, v), (x, HEIGHT), joint, thickness)
     for below in np.geomspace(8, HEIGHT, 16):
         y = int(v + below)
-        cv2.line(image, (0, y), (WIDTH, y), joint, max(1, thickness - 1))
+        cv2.line(image, (0, y), (WIDTH, y), joint, thickness - 1)
     return image
 
 
@@ -79,7 +93,14 @@ def _room(rng: np.random.Generator) -> np.ndarray:
     """Four walls in perspective with bright edges, and furniture."""
     image = _wall(rng)
     middle = np.array([WIDTH / 2, HEIGHT / 2]) + rng.integers(-60, 60, 2)
-    outer = np.array([[0, 0], [WIDTH, 0], [WIDTH, HEIGHT], [0, HEIGHT]], float)
+    outer = np.array(
+        [
+            [0.0, 0.0],
+            [WIDTH, 0],
+            [WIDTH, HEIGHT],
+            [0, HEIGHT],
+        ]
+    )
     inner = middle + 0.35 * (outer - middle)
     for k in range(4):
         after = (k + 1) % 4
@@ -88,13 +109,13 @@ def _room(rng: np.random.Generator) -> np.ndarray:
         cv2.fillPoly(image, [face], _colour(rng, 100, 230))
         near = face[0].tolist()
         far = face[3].tolist()
-        cv2.line(image, near, far, (240, 240, 235), int(rng.integers(3, 12)))
+        thickness = int(rng.integers(3, 12))
+        cv2.line(image, near, far, EDGE, thickness)
 
     for _ in range(5):
         x, y = rng.integers([100, 300], [WIDTH - 200, HEIGHT - 150]).tolist()
         width, height = rng.integers([60, 40], [260, 140]).tolist()
-        opposite = (x + width, y + height)
-        cv2.rectangle(image, (x, y), opposite, _colour(rng), cv2.FILLED)
+        _fill(image, (x, y), (x + width, y + height), _colour(rng))
     return image
 
 
@@ -105,7 +126,8 @@ def _map(rng: np.random.Generator) -> np.ndarray:
         steps = rng.normal(0, 90, (8, 2))
         path = (start + np.cumsum(steps, axis=0)).astype(np.int32)
         colour = STREETS[rng.integers(4)]
-        cv2.polylines(image, [path], False, colour, int(rng.integers(4, 16)))
+        thickness = int(rng.integers(4, 16))
+        cv2.polylines(image, [path], False, colour, thickness)
     return image
 
 
@@ -157,8 +179,8 @@ def _books(rng: np.random.Generator) -> np.ndarray:
         bottom = y + 165
         for x in np.cumsum(rng.integers(15, 60, 60)).tolist():
             top = y + int(rng.integers(10, 50))
-            cv2.rectangle(image, (x, top), (x + 40, bottom), _colour(rng), cv2.FILLED)
-        cv2.rectangle(image, (0, bottom), (WIDTH, y + 180), (90, 60, 30), cv2.FILLED)
+            _fill(image, (x, top), (x + 40, bottom), _colour(rng))
+        _fill(image, (0, bottom), (WIDTH, y + 180), SHELF)
     return image
 
 

@@ -44,7 +44,13 @@ AHEAD_M = np.concatenate(
 CAMERA = Camera(
     1280,
     720,
-    np.array([[1150.0, 0, 640], [0, 1150, 370], [0, 0, 1]]),
+    np.array(
+        [
+            [1150.0, 0, 640],
+            [0, 1150, 370],
+            [0, 0, 1],
+        ]
+    ),
     np.array([-0.24, 0.02, 0.0005, -0.0003, 0.0]),
     CameraPose(height_m=1.3, pitch_rad=-0.012, yaw_rad=-0.012, roll_rad=0.004),
 )

@@ -68,7 +68,12 @@ def _value_noise(
     grid = np.pad(grid, ((0, 0), (2, 2)), mode="wrap")
 
     # Exact scale, so that the last column continues into the first one.
-    to_grid = np.array([[grid_columns / columns, 0, 2], [0, 1 / cell_height, 1]])
+    to_grid = np.array(
+        [
+            [grid_columns / columns, 0, 2],
+            [0, 1 / cell_height, 1],
+        ]
+    )
     return cv2.warpAffine(
         grid,
         to_grid,
@@ -253,7 +258,17 @@ def _frustum_planes(camera: Camera, wider: float) -> np.ndarray:
     y *= valid
 
     pose = camera.require_pose()
-    normals = np.array([[1, 0, x], [-1, 0, x], [0, 1, y], [0, -1, y]]) @ pose.rotation
+    normals = (
+        np.array(
+            [
+                [1, 0, x],
+                [-1, 0, x],
+                [0, 1, y],
+                [0, -1, y],
+            ]
+        )
+        @ pose.rotation
+    )
     sides = np.column_stack([normals, -normals[:, 2] * pose.height_m])
     return np.vstack([[1.0, 0, 0, -NEAR_PLANE_M], sides])
 
@@ -264,7 +279,8 @@ def heights_above(
 ) -> np.ndarray:
     """Distances (..., P) of points (..., 3) from planes (P, 4), > 0 inside."""
     # One matrix product, because numpy multiplies a stack of small matrices one by one.
-    heights = points_m.reshape(-1, 3) @ planes[:, :3].T + planes[:, 3]
+    normals = planes[:, :3]
+    heights = points_m.reshape(-1, 3) @ normals.T + planes[:, 3]
     return heights.reshape(*points_m.shape[:-1], len(planes))
 
 
@@ -300,9 +316,9 @@ def face_normals(corners_m: np.ndarray) -> np.ndarray:
     a = corners_m[:, 2] - corners_m[:, 0]
     b = corners_m[:, 3] - corners_m[:, 1]
     # The cross product; np.cross takes several times as long.
-    forward = a[:, [1, 2, 0]] * b[:, [2, 0, 1]]
-    backward = a[:, [2, 0, 1]] * b[:, [1, 2, 0]]
-    normal = forward - backward
+    ahead = [1, 2, 0]
+    behind = [2, 0, 1]
+    normal = a[:, ahead] * b[:, behind] - a[:, behind] * b[:, ahead]
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return normal / np.maximum(length, 1e-12)
 
@@ -445,6 +461,7 @@ def split_channels(image: np.ndarray) -> np.ndarray:
 
     cv2.split with preallocated outputs is five times as fast as without.
     """
-    planes = np.empty((image.shape[2], *image.shape[:2]), image.dtype)
+    rows, columns, count = image.shape
+    planes = np.empty((count, rows, columns), image.dtype)
     cv2.split(image, list(planes))
     return planes

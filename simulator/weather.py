@@ -311,7 +311,8 @@ def add_lamps(
         # Energy of the disc in one coarse pixel.
         row = int(v) // coarse % rows
         column = int(u) // coarse % columns
-        glow[row, column] += lamp.light * np.pi * max(radius, 0.5) ** 2 / coarse**2
+        radius = max(radius, 0.5)
+        glow[row, column] += lamp.light * np.pi * radius**2 / coarse**2
 
     scale = height / 720 / coarse
     spread = np.zeros_like(glow)
@@ -532,8 +533,9 @@ def _streaks(height: int, width: int) -> np.ndarray:
         # Drops move away from the focus of expansion.
         direction = np.array([(u / columns - 0.5) * 0.5, 1.0])
         fall = direction * height * rng.uniform(0.02, 0.07)
-        ends = np.array([[u, v], [u + fall[0], v + fall[1]]])
-        start, end = np.rint(ends * (1 << _SHIFT)).astype(int).tolist()
+        begin = np.array([u, v])
+        ends = np.stack([begin, begin + fall]) * (1 << _SHIFT)
+        start, end = np.rint(ends).astype(int).tolist()
         brightness = float(rng.uniform(0.2, 1.0))
         cv2.line(layer, start, end, (brightness,), 1, cv2.LINE_AA, _SHIFT)
     return three_channels(cv2.GaussianBlur(layer, (0, 0), 0.8))

@@ -59,7 +59,9 @@ class Sun:
         angle = self.azimuth_rad - heading_rad
         level = np.cos(self.elevation_rad)
         up = np.sin(self.elevation_rad)
-        return np.array([level * np.cos(angle), level * np.sin(angle), up])
+        forward = level * np.cos(angle)
+        left = level * np.sin(angle)
+        return np.array([forward, left, up])
 
 
 @dataclass(frozen=True)
@@ -325,7 +327,8 @@ def add_sheen(
     """
     x = _downsample(ground.x)
     y = _downsample(ground.y)
-    to_eye: np.ndarray = np.stack([-x, -y, np.full_like(x, height_m)], axis=-1)
+    up = np.full_like(x, height_m)
+    to_eye: np.ndarray = np.stack([-x, -y, up], axis=-1)
     to_eye /= np.linalg.norm(to_eye, axis=-1, keepdims=True)
     half: np.ndarray = to_eye + sun_direction.astype(np.float32)
     half /= np.linalg.norm(half, axis=-1, keepdims=True)
@@ -387,7 +390,8 @@ def _veil(
 
     Inverse square of the angle to the sun (Stiles-Holladay), plus a constant.
     """
-    cosine = (rays @ sun_ray.astype(np.float32)) / np.linalg.norm(rays, axis=-1)
+    length = np.linalg.norm(rays, axis=-1)
+    cosine = (rays @ sun_ray.astype(np.float32)) / length
     angle2 = np.arccos(np.clip(cosine, -1, 1)) ** 2
     scattered = 0.04 + 0.012 / (angle2 + 0.003) + 2.0 * np.exp(-angle2 / 0.0012)
     veil = np.float32(strength) * scattered
@@ -401,7 +405,8 @@ def _sun_disc(
     """Overexposed disc of the sun (rows, columns, 3)."""
     centre = (sun_ray[:2] / sun_ray[2]).astype(np.float32)
     off = rays[..., :2] / rays[..., 2:] - centre
-    disc = 6.0 * np.exp(-(off * off).sum(axis=-1) / np.float32(0.014**2))
+    distance2 = (off * off).sum(axis=-1)
+    disc = 6.0 * np.exp(-distance2 / 0.014**2)
     return disc[..., None] * SUN_COLOUR
 
 
@@ -433,7 +438,8 @@ def _dashboard(height: int, width: int) -> np.ndarray:
     cloth = fractal_noise(shape, rng, cell_px=cloth_px, octaves=4)
 
     # Shares of the image's height and width.
-    v, u = np.mgrid[:height, :width] / np.array([height, width]).reshape(2, 1, 1)
+    u = np.arange(width) / width
+    v = np.arange(height)[:, None] / height
     edge = 0.66 + 0.05 * (u - 0.4) ** 2
     below = smoothstep(-0.012, 0.012, v - edge)
     fold = np.exp(-(((v - edge - 0.12) / 0.006) ** 2))

@@ -55,8 +55,10 @@ class PlacedObject:
         if not self.path:
             return self.lateral_m
         times, laterals = np.array(self.path).T
-        i = np.clip(np.searchsorted(times, time_s) - 1, 0, len(times) - 2)
-        share = np.clip((time_s - times[i]) / (times[i + 1] - times[i]), 0, 1)
+        before = np.searchsorted(times, time_s) - 1
+        i = np.clip(before, 0, len(times) - 2)
+        seconds = times[i + 1] - times[i]
+        share = np.clip((time_s - times[i]) / seconds, 0, 1)
         step = laterals[i + 1] - laterals[i]
         return float(laterals[i] + step * share * share * (3 - 2 * share))
 

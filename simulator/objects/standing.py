@@ -121,7 +121,14 @@ def upright_rectangle(
     """
     near, far = y
     low, high = z
-    return np.array([(x, near, low), (x, near, high), (x, far, high), (x, far, low)])
+    return np.array(
+        [
+            (x, near, low),
+            (x, near, high),
+            (x, far, high),
+            (x, far, low),
+        ]
+    )
 
 
 # A tree is a trunk and a crown of lumps, which are painted and cast the shadow.
@@ -316,7 +323,14 @@ class Tree(Standing):
         foot, right, up = axes
         half = TRUNK_WIDTH * self.height_m / 2
         fork_m = self.fork * self.height_m
-        corners = np.array([[-half, 0], [-half, fork_m], [half, fork_m], [half, 0]])
+        corners = np.array(
+            [
+                [-half, 0],
+                [-half, fork_m],
+                [half, fork_m],
+                [half, 0],
+            ]
+        )
         trunk = foot + corners[:, :1] * right + corners[:, 1:] * up
 
         # Lumps from far to near.
@@ -345,12 +359,14 @@ class Tree(Standing):
         """
         # Points a little above the foot: the top can be outside the view of a lens that
         # sees the trunk.
-        ends = self.foot_m + [0, 0, self.base_m] + np.array([[0, 0, 0.9], [0, 0, 1.9]])
+        foot_m = self.foot_m + [0, 0, self.base_m]
+        ends = foot_m + [[0, 0, 0.9], [0, 0, 1.9]]
         if (heights_above(canvas.frustum, ends) < -1e-9).any():
             return None
         low, high = canvas.camera.road_to_pixels(ends)
         up = high - low
-        return low - 0.9 * up, np.array([-up[1], up[0]]), up
+        right = np.array([-up[1], up[0]])
+        return low - 0.9 * up, right, up
 
     def _lump_colours(
         self,

@@ -139,7 +139,11 @@ def vehicle_faces(body: str, paint: str) -> Faces:
     else:
         parts = _car(body, paint)
     rows = np.concatenate(parts)
-    return Faces(rows[:, :12].reshape(-1, 4, 3), rows[:, 12:15], rows[:, 15])
+    return Faces(
+        corners_m=rows[:, :12].reshape(-1, 4, 3),
+        albedo=rows[:, 12:15],
+        layer=rows[:, 15],
+    )
 
 
 def _part(
@@ -182,7 +186,12 @@ def _loft(rings: np.ndarray, around: int) -> np.ndarray:
     grid = np.stack([x, y, z], axis=-1)
     below = grid[:-1]
     above = grid[1:]
-    corners = [below[:, :-1], below[:, 1:], above[:, 1:], above[:, :-1]]
+    corners = [
+        below[:, :-1],
+        below[:, 1:],
+        above[:, 1:],
+        above[:, :-1],
+    ]
     return np.stack(corners, axis=2)
 
 
@@ -221,7 +230,8 @@ def _car(
     """Body with windows all around, lamps, licence plate and wheels."""
     rings = BODIES[body]
     cells = _loft(rings, 28)
-    albedo = np.tile(np.array(PAINTS[paint]), (*cells.shape[:2], 1))
+    albedo = np.empty_like(cells[:, :, 0])
+    albedo[:] = PAINTS[paint]
     albedo[WINDOWS] = GLASS
     albedo[0] = PLASTIC
 
@@ -229,7 +239,10 @@ def _car(
     rear = rings[WAIST, 1]
     front = rings[WAIST - 1, 2]
     plate = upright_rectangle(rear - 0.07, (-0.2, 0.2), (0.62, 0.75))
-    parts = [_part(cells, albedo.reshape(-1, 3)), _part(plate, PLATE, 1)]
+    parts = [
+        _part(cells, albedo.reshape(-1, 3)),
+        _part(plate, PLATE, 1),
+    ]
     for side in (-1, 1):
         low, high = sorted((0.42 * side, 0.72 * side))
         lamp_height = (waist - 0.12, waist + 0.04)
@@ -331,7 +344,13 @@ class Car(Standing):
         """Rotation (3, 3) from the vehicle's own frame to that of the car."""
         cosine = np.cos(self.heading_rad)
         sine = np.sin(self.heading_rad)
-        return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
+        return np.array(
+            [
+                [cosine, -sine, 0],
+                [sine, cosine, 0],
+                [0, 0, 1],
+            ]
+        )
 
     def outline_m(self) -> np.ndarray:
         """Points (N, 3) in the frame of the car; their hull is its outline."""
@@ -434,7 +453,8 @@ def _bonnet_layer(
 ) -> tuple[np.ndarray, int]:
     """Premultiplied RGBA image of the bonnet (rows, W, 4), and its first row."""
     # Linear interpolation, smoothed to look like pressed steel.
-    edge = np.interp(np.arange(width), BONNET[:, 0] * width, BONNET[:, 1] * height)
+    u, v = BONNET.T * [[width], [height]]
+    edge = np.interp(np.arange(width), u, v)
     window = max(3, int(0.05 * width)) | 1
     edge = cv2.GaussianBlur(
         edge[None, :], (window, 1), window / 5, borderType=cv2.BORDER_REFLECT

@@ -69,7 +69,8 @@ def _stacked(
     colour: tuple[float, float, float],
 ) -> tuple[Part, ...]:
     """A strip in several parts, because the lens bends tall edges."""
-    return tuple((0, k / parts, (k + 1) / parts, colour) for k in range(parts))
+    edges = [k / parts for k in range(parts + 1)]
+    return tuple((0, low, high, colour) for low, high in pairwise(edges))
 
 
 WALLS = {
@@ -88,7 +89,12 @@ WALLS = {
         ),
     ),
     "parapet": WallProfile(
-        lines=((0.0, 0.0), (0.05, 0.62), (0.30, 0.62), (0.30, 1.02)),
+        lines=(
+            (0.0, 0.0),
+            (0.05, 0.62),
+            (0.30, 0.62),
+            (0.30, 1.02),
+        ),
         parts=(
             (0, 0, 1, CONCRETE),
             (1, 0, 1, KERB),
@@ -97,7 +103,12 @@ WALLS = {
     ),
     # The rounded edge gets more light than the face.
     "kerb": WallProfile(
-        lines=((0.0, 0.0), (0.02, 0.11), (0.05, 0.14), (0.20, 0.14)),
+        lines=(
+            (0.0, 0.0),
+            (0.02, 0.11),
+            (0.05, 0.14),
+            (0.20, 0.14),
+        ),
         parts=(
             (0, 0, 1, KERB),
             (1, 0, 1, KERB),
@@ -189,7 +200,8 @@ class Wall:
         if self.kind == "bank":
             return [replace(self, path_m=points)]
         distance = np.hypot(points[:, 0], points[:, 1])
-        band = np.floor(np.log(np.maximum(distance, 1.0)) / np.log(growth)).astype(int)
+        growths = np.log(np.maximum(distance, 1.0)) / np.log(growth)
+        band = np.floor(growths).astype(int)
         changes = np.flatnonzero(np.diff(band)) + 1
 
         segments = []
@@ -213,7 +225,8 @@ class Wall:
         rise = np.full(len(path), self.height_scale)
         if self.kind == "bank":
             steps = np.hypot(*np.diff(path, axis=0).T)
-            to_end = np.concatenate([np.cumsum(steps[::-1])[::-1], [0]])
+            from_end = np.cumsum(steps[::-1])
+            to_end = np.concatenate([from_end[::-1], [0]])
             rise *= smoothstep(0, BANK_END_M, to_end)
 
         lines = []
@@ -254,7 +267,8 @@ class Wall:
         panel = (station / PANEL_M).astype(int) % PANELS
         rng = np.random.default_rng([self.seed, 5])
         ragged = kind.ragged * rng.standard_normal(PANELS)[panel]
-        lines[1:, :, 2] += (lines[1:] - lines[0])[..., 2] * ragged
+        height = lines[1:, :, 2] - lines[0, :, 2]
+        lines[1:, :, 2] += height * ragged
 
         faces = []
         colours = []
@@ -276,8 +290,9 @@ class Wall:
 
 
 def _arc_lengths(path: np.ndarray) -> np.ndarray:
-    steps = np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1)
-    return np.concatenate([[0], np.cumsum(steps)])
+    steps = np.diff(path[:, :2], axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    return np.concatenate([[0], np.cumsum(lengths)])
 
 
 def _quads(
@@ -285,7 +300,8 @@ def _quads(
     high: np.ndarray,
 ) -> np.ndarray:
     """Quadrilaterals (N - 1, 4, ...) between two lines (N, ...)."""
-    return np.stack([low[:-1], low[1:], high[1:], high[:-1]], axis=1)
+    corners = [low[:-1], low[1:], high[1:], high[:-1]]
+    return np.stack(corners, axis=1)
 
 
 def _resample(path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -360,9 +376,11 @@ class Overpass:
         """Approach walls, and the front of the deck, in (s, d, z)."""
         s = (self.start_m, self.start_m)
         top = CLEARANCE_M + DECK_M
-        right = self._sheet((self.low_m - APPROACH_M, self.low_m), s, (0.0, top))
-        left = self._sheet((self.high_m, self.high_m + APPROACH_M), s, (0.0, top))
-        deck = self._sheet((self.low_m, self.high_m), s, (CLEARANCE_M, top))
+        low = self.low_m
+        high = self.high_m
+        right = self._sheet((low - APPROACH_M, low), s, (0.0, top))
+        left = self._sheet((high, high + APPROACH_M), s, (0.0, top))
+        deck = self._sheet((low, high), s, (CLEARANCE_M, top))
         faces = np.concatenate([right, left, deck])
         return BridgeSlice(faces, np.ones(len(faces)), front=True)
 
@@ -389,7 +407,8 @@ class Overpass:
         The light is a share of open sky.
         """
         top = CLEARANCE_M
-        deck = self._sheet((self.low_m, self.high_m), (start_m, end_m), (top, top))
+        s = (start_m, end_m)
+        deck = self._sheet((self.low_m, self.high_m), s, (top, top))
         walls = []
         for d in (self.low_m, self.high_m):
             near = [(start_m, d, 0.0), (start_m, d, top)]

@@ -343,7 +343,13 @@ def _directions(
     """
     cosine = np.cos(view.heading_rad)
     sine = np.sin(view.heading_rad)
-    to_world = np.array([[cosine, sine, 0], [-sine, cosine, 0], [0, 0, 1]])
+    to_world = np.array(
+        [
+            [cosine, sine, 0],
+            [-sine, cosine, 0],
+            [0, 0, 1],
+        ]
+    )
     turn = view.camera.require_pose().rotation @ to_world
     x, y, z = split_channels(cv2.transform(rays, turn.T))
     length = np.sqrt(x * x + y * y + z * z)

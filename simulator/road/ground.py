@@ -85,9 +85,10 @@ class RoadAhead:
         else:
             # First guess: the point of the road at the same x, tabulated at steps of x.
             x = points[:, 0]
+            grid = np.arange(x[0], x[-1], STEP_M)
+            steps = (np.interp(grid, x, s) - s[0]) / STEP_M
             self._x0 = np.float32(x[0])
-            s_at_x = np.interp(np.arange(x[0], x[-1], STEP_M), x, s)
-            self._guess = np.rint((s_at_x - s[0]) / STEP_M).astype(np.intp)
+            self._guess = np.rint(steps).astype(np.intp)
 
     def locate(
         self,
@@ -152,7 +153,8 @@ class RoadAhead:
         At points `s` metres from the car.
         """
         steps = (s - self._s0) / STEP_M
-        node = np.clip(steps, 0, len(self._table[0]) - 1).astype(np.intp)
+        last = len(self._table[0]) - 1
+        node = np.clip(steps, 0, last).astype(np.intp)
         return _take(self._table[2:], node)
 
     def height_above_plane(self, s: np.ndarray) -> np.ndarray:
@@ -178,7 +180,8 @@ class RoadAhead:
     def _heights(self) -> list[np.ndarray]:
         """Height above the plane, and relative slope, at the table's nodes."""
         here = self.pose.s_m
-        s = here + float(self._s0) + STEP_M * np.arange(len(self._table[0]))
+        node = np.arange(len(self._table[0]))
+        s = here + float(self._s0) + STEP_M * node
         height = self.profile.height_above_plane(s, here)
         grade = self.profile.value(s) - self.profile.value(here)
         return [height.astype(np.float32), grade.astype(np.float32)]
@@ -503,8 +506,8 @@ def _cast_on_relief(
     slope = rays[..., 2] / forward
 
     # Look up 1 / x of each ray.
-    column = (tangent - np.float32(TANGENTS[0])) / np.float32(TANGENTS[1] - TANGENTS[0])
-    row = (slope - np.float32(SLOPES[0])) / np.float32(SLOPES[1] - SLOPES[0])
+    column = _table_position(TANGENTS, tangent)
+    row = _table_position(SLOPES, slope)
     inverse = cv2.remap(
         _inverse_distance_table(height_m, road),
         column,
@@ -523,6 +526,12 @@ def _cast_on_relief(
     )
     x, s, d = (place.reshape(tangent.shape) for place in refined)
     return _Hits(top, visible[top:], x, x * tangent, s, d)
+
+
+def _table_position(axis: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Positions of values (float32) on an axis of equal steps, in steps."""
+    first, second = axis[:2]
+    return (values - np.float32(first)) / np.float32(second - first)
 
 
 def _inverse_distance_table(height_m: float, road: RoadAhead) -> np.ndarray:
@@ -584,11 +593,10 @@ def edge_coverage(
 ) -> np.ndarray:
     """Share of a square pixel on the positive side of a straight edge; exact.
 
-    `t` is the signed distance of the pixel's centre from the edge in any unit, (2, ...)
-    for two parallel edges; `step_u` and `step_v` are its changes per pixel to the right
-    and down. Within a pixel, t is distributed as the sum of two uniform variables of
-    widths |step_u| and |step_v|, a trapezoid. Its integral is a difference of four one-
-    sided parabolas.
+    `t` is the signed distance of the pixel's centre from the edge in any unit; `step_u`
+    and `step_v` are its changes per pixel to the right and down. Within a pixel, t is
+    distributed as the sum of two uniform variables of widths |step_u| and |step_v|, a
+    trapezoid. Its integral is a difference of four one- sided parabolas.
     """
     a = np.maximum(np.abs(step_u), 1e-6)
     b = np.maximum(np.abs(step_v), 1e-3 * a)
@@ -611,8 +619,8 @@ def strip_coverage(
     high: float,
 ) -> np.ndarray:
     """Share of each pixel between the edges d = `low` and d = `high`."""
-    edges = np.array([low, high], np.float32).reshape(2, *[1] * d.ndim)
-    beyond_low, beyond_high = edge_coverage(d - edges, step_u, step_v)
+    beyond_low = edge_coverage(d - np.float32(low), step_u, step_v)
+    beyond_high = edge_coverage(d - np.float32(high), step_u, step_v)
     return beyond_low - beyond_high
 
 

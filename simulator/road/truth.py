@@ -188,7 +188,8 @@ def line_pixels(
     # the image than the crest.
     u, v = pixels.T
     rising = np.maximum.accumulate(-v) <= -v
-    u = np.interp(-H_SAMPLES, -v[rising], u[rising], left=np.nan, right=np.nan)
+    v = v[rising]
+    u = np.interp(-H_SAMPLES, -v, u[rising], left=np.nan, right=np.nan)
     outside = np.isnan(u) | (u < 0) | (u > camera.width - 1)
     outside |= camera.height <= H_SAMPLES
     return np.where(outside, NOT_VISIBLE, u)

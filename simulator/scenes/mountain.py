@@ -344,7 +344,12 @@ def harder_challenge_video() -> Drive:
             wander_m=0.2,
             wander_period_s=4.5,
             pitch_rad=radians(0.3),
-            later_speeds=((1.5, 8.5), (5.0, 8.5), (6.0, 9.5), (7.5, 8.0)),
+            later_speeds=(
+                (1.5, 8.5),
+                (5.0, 8.5),
+                (6.0, 9.5),
+                (7.5, 8.0),
+            ),
         ),
         light=mountain_light(45, 28),
         shades=(

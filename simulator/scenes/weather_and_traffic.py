@@ -248,7 +248,13 @@ def _with_traffic(drive: Drive, *others: PlacedObject) -> Drive:
 
 
 def _motorcycle() -> Drive:
-    path = ((0.0, -2.0), (0.8, -1.7), (2.0, 1.6), (2.8, 1.7), (4.0, -0.4))
+    path = (
+        (0.0, -2.0),
+        (0.8, -1.7),
+        (2.0, 1.6),
+        (2.8, 1.7),
+        (4.0, -0.4),
+    )
     rider = PlacedObject(13.0, 0.0, Car("red", "motorcycle"), 15.6, path)
     return _with_traffic(country_road_drive(411), rider)
 
