@@ -448,6 +448,6 @@ def _dashboard(height: int, width: int) -> np.ndarray:
     tone = (0.10 + 0.14 * below) * (1 + 0.10 * cloth)
     tone = tone + below * (0.022 * grain + 0.05 * fold)
     side = 1 - 0.75 * smoothstep(0.25, 0.85, u)
-    layer = (tone * side).astype(np.float32)
-    layer = cv2.GaussianBlur(layer, (0, 0), height / 720)
+    sharp = (tone * side).astype(np.float32)
+    layer = cv2.GaussianBlur(sharp, (0, 0), height / 720)
     return layer[..., None] * np.array([0.94, 0.97, 1.06], np.float32)

@@ -44,7 +44,10 @@ def small_drive(
     lines = Freeway().markings()
     drive = Drive(
         camera=SMALL,
-        road=RoadGeometry([0.0, 40.0, 300.0, 340.0], [0.0, curvature, curvature, 0.0]),
+        road=RoadGeometry(
+            [0.0, 40.0, 300.0, 340.0],
+            [0.0, curvature, curvature, 0.0],
+        ),
         line_laterals_m=EGO_LINES_M,
         markings=tuple(replace(line, wear=0.0, dots=False) for line in lines),
         surface=Freeway("fresh asphalt").surface(),
@@ -57,3 +60,14 @@ def small_drive(
         seed=5,
     )
     return replace(drive, **changes)
+
+
+def weighted_column(weight: np.ndarray, columns: np.ndarray) -> float:
+    """Mean of columns (N,), weighted by the positive weights (N,)."""
+    weight = np.clip(weight, 0, None)
+    return (weight * columns).sum() / weight.sum()
+
+
+def largest_difference(image: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Largest difference (H, W) of the channels of two images (H, W, 3)."""
+    return np.abs(image.astype(int) - other).max(axis=2)

@@ -31,7 +31,8 @@ def share_of_rays_on_paint(ahead: RoadAhead, *, dashed: bool) -> np.ndarray:
     """Share of the 17 x 17 rays of each pixel of the window that meet paint."""
     u = subpixels(COLUMNS)
     v = subpixels(ROWS)
-    pixels = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    columns, rows = np.meshgrid(u, v)
+    pixels = np.column_stack([columns.ravel(), rows.ravel()])
     x, y = SMALL.pixels_to_road(pixels).astype(np.float32).T
     s, d = ahead.locate(x, y)
     painted = np.abs(d - LINE_M) < HALF_WIDTH_M
@@ -48,7 +49,11 @@ def subpixels(pixels: slice) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("dashed", "worst", "mean"), [(False, 0.02, 5e-4), (True, 0.3, 2e-3)]
+    ("dashed", "worst", "mean"),
+    [
+        (False, 0.02, 5e-4),
+        (True, 0.3, 2e-3),
+    ],
 )
 def test_coverage_is_the_share_of_rays_that_meet_paint(dashed, worst, mean):
     """It is exact along a line, and approximate where a dash ends at its edge."""
@@ -87,12 +92,13 @@ def stripes_at(
     paint_markings(image, (marking,), ground, seed=1)
 
     place = np.array([[x_m, marking.lateral_m]])
-    row = round(float(FULL.road_to_pixels(place)[0, 1])) - ground.top
+    _, v = FULL.road_to_pixels(place)[0]
+    row = round(float(v)) - ground.top
     paint = image[row, :, 0]
     d = ground.d[row]
     pixel_width = np.abs(ground.d_u[row])
 
-    bordered = np.concatenate([[0], paint > 0.02, [0]]).astype(int)
+    bordered = np.pad(paint > 0.02, 1).astype(int)
     edges = np.flatnonzero(np.diff(bordered)).reshape(-1, 2)
     stripes = []
     for first, last in edges:
@@ -104,7 +110,11 @@ def stripes_at(
 
 
 @pytest.mark.parametrize(
-    ("width_m", "gap_m", "x_m"), [(0.12, 0.10, 7.0), (0.10, 0.20, 14.0)]
+    ("width_m", "gap_m", "x_m"),
+    [
+        (0.12, 0.10, 7.0),
+        (0.10, 0.20, 14.0),
+    ],
 )
 def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(
     width_m, gap_m, x_m
@@ -120,7 +130,8 @@ def test_double_line_is_two_stripes_of_the_right_width_with_the_right_gap(
 def painted_places(**options: Any) -> tuple[np.ndarray, np.ndarray]:
     """Road coordinates, s from the car at 50 m, of the pixels that are mostly paint."""
     ground = straight_road(DASHCAM, VehiclePose(50.0, 0.1))
-    pixels, coverage = Marking(-1.5, 0.10, wear=0.0, **options).coverage(ground)
+    marking = Marking(-1.5, 0.10, wear=0.0, **options)
+    pixels, coverage = marking.coverage(ground)
     painted = pixels[coverage > 0.5]
     return ground.s.ravel()[painted], ground.d.ravel()[painted]
 
@@ -136,7 +147,8 @@ def test_dashes_begin_and_end_where_they_should():
 def test_four_botts_dots_stand_in_place_of_a_dash():
     s, _ = painted_places(dashed=True, botts=True, phase_m=56.0)
     near = np.sort(s[s < 10])
-    dots = np.split(near, np.flatnonzero(np.diff(near) > 0.4) + 1)
+    gaps = np.flatnonzero(np.diff(near) > 0.4)
+    dots = np.split(near, gaps + 1)
     expected = [6.08 + k * 0.914 for k in range(4)]
     assert [dot.mean() for dot in dots] == pytest.approx(expected, abs=0.04)
 
@@ -149,4 +161,5 @@ def test_a_limited_line_begins_and_ends_where_it_should():
 
 def test_an_oblique_line_leaves_its_lateral_position_with_its_slope():
     s, d = painted_places(slope=0.05, start_m=55.0)
-    np.testing.assert_allclose(d, -1.5 + 0.05 * (s - 5.0), atol=0.08)
+    expected = -1.5 + 0.05 * (s - 5.0)
+    np.testing.assert_allclose(d, expected, atol=0.08)

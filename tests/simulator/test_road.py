@@ -41,8 +41,15 @@ HAIRPINS = RoadGeometry(
     [0.0, 0.0, 1 / 20, 1 / 20, 0.0, 0.0, -1 / 16, -1 / 16, 0.0],
 )
 # Uphill 9 %, over a crest of R 230 m, down, and through a dip.
-HILLY = HeightProfile([0.0, 60.0, 90.0, 110.0, 140.0], [0.09, 0.09, -0.04, -0.04, 0.06])
-HILLY_BENDS = RoadGeometry([0.0, 60.0, 100.0], [1 / 200, 1 / 200, -1 / 120], HILLY)
+HILLY = HeightProfile(
+    [0.0, 60.0, 90.0, 110.0, 140.0],
+    [0.09, 0.09, -0.04, -0.04, 0.06],
+)
+HILLY_BENDS = RoadGeometry(
+    [0.0, 60.0, 100.0],
+    [1 / 200, 1 / 200, -1 / 120],
+    HILLY,
+)
 # A crest every 52 m.
 WAVE_STATIONS_M = 4.0 * np.arange(65)
 WAVES = HeightProfile(
@@ -74,7 +81,8 @@ def test_position_is_the_integral_of_the_direction():
     heading = middles(integrate(middles(curvature), step))
     x = integrate(np.cos(heading), step)
     y = integrate(np.sin(heading), step)
-    np.testing.assert_allclose(S_BEND.position(s), np.column_stack([x, y]), atol=1e-5)
+    expected = np.column_stack([x, y])
+    np.testing.assert_allclose(S_BEND.position(s), expected, atol=1e-5)
 
 
 def test_heights_are_those_above_the_plane_that_the_car_stands_on():
@@ -119,7 +127,10 @@ def first_crossings(pose: VehiclePose, lateral_m: float) -> list[float]:
 
 @pytest.mark.parametrize(
     ("pose", "lateral_m"),
-    [(VehiclePose(20.0, 0.4, -0.02), 1.6), (VehiclePose(112.0, 0.0, 0.02), -1.6)],
+    [
+        (VehiclePose(20.0, 0.4, -0.02), 1.6),
+        (VehiclePose(112.0, 0.0, 0.02), -1.6),
+    ],
 )
 def test_lateral_position_in_a_hairpin_is_that_of_the_first_crossing_or_nan(
     pose, lateral_m

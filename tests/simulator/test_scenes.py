@@ -22,12 +22,18 @@ from simulator.scenes.suite import (
     scene_path,
     vary_drive,
 )
+from tests.simulator.small_drive import largest_difference, weighted_column
 
 WITH_LANE = {
     name: scene for name, scene in SUITE.items() if scene.difficulty != "no lane"
 }
 # Scopes keep the tests of a scene together, so that it is made once.
-SCENES = pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE, scope="module")
+SCENES = pytest.mark.parametrize(
+    "scene",
+    SUITE.values(),
+    ids=SUITE,
+    scope="module",
+)
 SCENES_WITH_LANE = pytest.mark.parametrize(
     "scene", WITH_LANE.values(), ids=WITH_LANE, scope="module"
 )
@@ -124,7 +130,8 @@ def test_every_drive_has_a_bend(scene):
 @pytest.mark.parametrize("side", [0, 1])
 def test_every_line_is_known_5_m_ahead(scene, side):
     for truth in truths_of(scene):
-        assert np.isfinite(truth.line_y(side, np.array([5.0]))).all()
+        (lateral_m,) = truth.line_y(side, np.array([5.0]))
+        assert np.isfinite(lateral_m)
 
 
 def stripe_centres(drive: Drive) -> np.ndarray:
@@ -161,18 +168,19 @@ def paint_offsets_px(
     """
     frame = render_frame(drive, time_s)
     bare = render_frame(replace(drive, markings=()), time_s)
-    paint = np.abs(frame.image.astype(float) - bare.image).max(axis=2)
+    paint = largest_difference(frame.image, bare.image)
     offsets: list[list[float]] = [[], []]
     for side in (0, 1):
         columns = line_pixels(frame.truth, side, drive.camera_at(time_s))
         columns = visible_pixels(columns, frame.hidden)
         for row, u in zip(H_SAMPLES, columns, strict=True):
-            at = np.arange(round(float(u)) - 25, round(float(u)) + 26)
+            column = round(float(u))
+            at = np.arange(column - 25, column + 26)
             inside = u > 30 and at[-1] < drive.camera.width
             if not inside or row <= 450 or paint[row, at].max() <= 20:
                 continue
-            weight = np.clip(paint[row, at] - 10, 0, None)
-            offsets[side].append((weight * at).sum() / weight.sum() - u)
+            centre = weighted_column(paint[row, at] - 10, at)
+            offsets[side].append(centre - u)
     return offsets
 
 
