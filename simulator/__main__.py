@@ -1,10 +1,10 @@
-"""Render the course's chessboards, stills and videos, or a scene of the suite, with their ground truth."""
+"""Render the course's chessboards, stills and videos, or a scene of the suite,
+with their ground truth."""
 
 from __future__ import annotations
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 
 from lanes.console import bounded, progress_line, run_command, run_program
@@ -16,7 +16,12 @@ EXAMPLES = """\
   {program} --scene hairpin-left"""
 
 
-EMBEDDED = ("boards", "stills", "video", "challenge", "harder")
+COURSE_VIDEOS = {
+    "video": "project_video",
+    "challenge": "challenge_video",
+    "harder": "harder_challenge_video",
+}
+EMBEDDED = ("boards", "stills", *COURSE_VIDEOS)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -26,41 +31,70 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         default="all",
         choices=(*EMBEDDED, "all"),
-        help="what to render: chessboards into camera_cal/, stills into test_images/, the videos into test_videos/ "
-        "(default: all)",
+        help="what to render: chessboards into camera_cal/, stills into test_images/, "
+        "the videos into test_videos/ (default: all)",
     )
-    scene = "render this scene of the suite into the cache folder (LANES_CACHE) instead, if it is not there yet"
-    parser.add_argument("--scene", metavar="NAME", help=scene)
-    out = "folder that holds these folders (default: the current one)"
-    parser.add_argument("--out", type=Path, default=Path("."), help=out)
-    longest = "maximum length of a video in seconds (default: %(default)s)"
-    parser.add_argument("--seconds", type=bounded(float, 0.04, 10), default=10.0, metavar="S", help=longest)
+    parser.add_argument(
+        "--scene",
+        metavar="NAME",
+        help="render this scene of the suite into the cache folder (LANES_CACHE) "
+        "instead, if it is not there yet",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("."),
+        help="folder that holds these folders (default: the current one)",
+    )
+    parser.add_argument(
+        "--seconds",
+        type=bounded(float, 0.04, 10),
+        default=10.0,
+        metavar="S",
+        help="maximum length of a video in seconds (default: %(default)s)",
+    )
 
 
 def run(options: argparse.Namespace) -> int:
     """Render the selected files; returns the exit status."""
     from lanes.files import translate_write_errors
-    from simulator.chessboards import write_boards
-    from simulator.scenes.suite import render_scene, write_course_video, write_stills
+    from simulator.scenes.suite import render_scene
 
     if options.scene:
-        print(f"{options.scene}: {render_scene(options.scene, progress=progress_line(options.scene))}")
+        progress = progress_line(options.scene)
+        path = render_scene(options.scene, progress=progress)
+        print(f"{options.scene}: {path}")
         return 0
+
     with translate_write_errors(options.out):
         options.out.mkdir(parents=True, exist_ok=True)
-    videos = options.out / "test_videos"
-    jobs = {
-        "boards": partial(write_boards, options.out / "camera_cal"),
-        "stills": partial(write_stills, options.out / "test_images"),
-        "video": partial(write_course_video, videos, "project_video", seconds=options.seconds),
-        "challenge": partial(write_course_video, videos, "challenge_video", seconds=options.seconds),
-        "harder": partial(write_course_video, videos, "harder_challenge_video", seconds=options.seconds),
-    }
-    for name, job in jobs.items():
-        if options.what in (name, "all"):
-            written = job(progress=progress_line(name))
-            print(f"{name}: wrote {', '.join(str(path) for path in written[-3:])}, {len(written)} files in total")
+    selected = EMBEDDED if options.what == "all" else (options.what,)
+    for name in selected:
+        written = _render(name, options)
+        last = ", ".join(str(path) for path in written[-3:])
+        print(f"{name}: wrote {last}, {len(written)} files in total")
     return 0
+
+
+def _render(
+    name: str,
+    options: argparse.Namespace,
+) -> list[Path]:
+    """Files written for one of EMBEDDED."""
+    from simulator.chessboards import write_boards
+    from simulator.scenes.suite import write_course_video, write_stills
+
+    progress = progress_line(name)
+    if name == "boards":
+        return write_boards(options.out / "camera_cal", progress=progress)
+    if name == "stills":
+        return write_stills(options.out / "test_images", progress=progress)
+    return write_course_video(
+        options.out / "test_videos",
+        COURSE_VIDEOS[name],
+        seconds=options.seconds,
+        progress=progress,
+    )
 
 
 def main(arguments: list[str] | None = None) -> int:

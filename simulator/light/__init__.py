@@ -1,1 +1,1 @@
-"""Sunlight, shading, glare, exposure and the camera's development of light to images."""
+"""Sunlight, shading, glare, exposure, and development of light to images."""

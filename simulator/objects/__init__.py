@@ -1,1 +1,1 @@
-"""Solid objects: vehicles, walls, bridges, roadside furniture, their shadows, the bonnet."""
+"""Solid objects: vehicles, walls, bridges, roadside furniture, shadows, bonnet."""

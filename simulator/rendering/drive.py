@@ -1,4 +1,7 @@
-"""Description of a drive: road, objects, light, camera and motion of the car; and of a named drive of the suite."""
+"""Description of a drive, and of a named drive of the suite.
+
+A drive has road, objects, light, camera and motion of the car.
+"""
 
 from __future__ import annotations
 
@@ -29,14 +32,17 @@ Difficulty = Literal["clean", "medium", "hard", "no lane"]
 class Motion:
     """Motion of the car along the road, with lateral oscillation and pitch motion.
 
-    The car is at arc length `start_m` at time 0. `later_speeds` are knots (time, speed) after `speed_mps` at time 0;
-    linear in between, constant after the last. `offset_m` is the mean lateral position relative to the reference line,
-    > 0 left; `wander_m` and `wander_period_s` are amplitude and period of a lateral sine, from which the heading
-    follows; `heading_rad` is added to it. `pitch_rad` and `pitch_period_s` are amplitude and period of the pitch
-    motion. A lane change is a lateral shift of `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle
-    behind the camera: the heading of a slow car is the direction of the road at its rear axle, so in a sharp bend it
-    lags behind the road at the camera. The slip of the rear tyres turns the car inwards: the lag shrinks with the
-    square of the speed, and is gone at TANGENT_MPS.
+    The car is at arc length `start_m` at time 0. `later_speeds` are knots (time, speed)
+    after `speed_mps` at time 0; linear in between, constant after the last. `offset_m`
+    is the mean lateral position relative to the reference line, > 0 left; `wander_m`
+    and `wander_period_s` are amplitude and period of a lateral sine, from which the
+    heading follows; `heading_rad` is added to it. `pitch_rad` and `pitch_period_s` are
+    amplitude and period of the pitch motion. A lane change is a lateral shift of
+    `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle behind the
+    camera: the heading of a slow car is the direction of the road at its rear axle, so
+    in a sharp bend it lags behind the road at the camera. The slip of the rear tyres
+    turns the car inwards: the lag shrinks with the square of the speed, and is gone at
+    TANGENT_MPS.
     """
 
     start_m: float = 0.0
@@ -55,14 +61,19 @@ class Motion:
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose at a time, without the lag of the rear axle (see `Drive.pose`)."""
+        # Lateral position and speed of the oscillation, then of the lane change.
         rate = 2 * np.pi / self.wander_period_s
-        part = float(np.clip((time_s - self.shift_start_s) / self.shift_seconds, 0, 1))
-        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s) + self.shift_m * part**2 * (3 - 2 * part)
-        aside = self.wander_m * rate * np.cos(rate * time_s) + self.shift_m * 6 * part * (1 - part) / self.shift_seconds
+        lateral = self.offset_m + self.wander_m * np.sin(rate * time_s)
+        aside_mps = self.wander_m * rate * np.cos(rate * time_s)
+        share = (time_s - self.shift_start_s) / self.shift_seconds
+        share = float(np.clip(share, 0, 1))
+        lateral += self.shift_m * share**2 * (3 - 2 * share)
+        aside_mps += self.shift_m * 6 * share * (1 - share) / self.shift_seconds
+
         station, speed = self.progress(time_s)
         heading = self.heading_rad
         if speed:
-            heading += float(np.arctan(aside / speed))
+            heading += float(np.arctan(aside_mps / speed))
         return VehiclePose(station, float(lateral), heading)
 
     def progress(self, time_s: float) -> tuple[float, float]:
@@ -71,23 +82,35 @@ class Motion:
             return self.start_m + self.speed_mps * time_s, self.speed_mps
         times, speeds = np.array([(0.0, self.speed_mps), *self.later_speeds]).T
         now = float(np.interp(time_s, times, speeds))
-        knots = np.append(times[times < time_s], time_s)
-        way = np.trapezoid(np.append(speeds[times < time_s], now), knots)
-        return self.start_m + float(way), now
+        past = times < time_s
+        passed_times = np.append(times[past], time_s)
+        passed_speeds = np.append(speeds[past], now)
+        return self.start_m + float(np.trapezoid(passed_speeds, passed_times)), now
 
     def pitch(self, time_s: float) -> float:
         """Pitch motion at a time, radians: two sines of incommensurable periods."""
         phase = 2 * np.pi * time_s / self.pitch_period_s
-        return float(self.pitch_rad * (0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)))
+        waves = 0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)
+        return float(self.pitch_rad * waves)
+
+    def pitched(self, camera: Camera, time_s: float) -> Camera:
+        """The camera with the pitch at a time."""
+        pose = camera.require_pose()
+        pitch_rad = pose.pitch_rad + self.pitch(time_s)
+        return camera.with_pose(replace(pose, pitch_rad=pitch_rad))
 
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """Everything that a rendered image or video depends on; the types of the fields describe most of them.
+    """Everything that a rendered image or video depends on.
 
-    `line_laterals_m` are the lateral positions of the line centres from left to right: the two lines of the ego lane,
-    or all lines if the car changes lanes; empty without a lane. `bonnet` says whether the car's bonnet is in the
-    image. Without `exposure`, the exposure adapts slightly to each image at once; with it, it follows with a delay.
+    The types of the fields describe most of them.
+
+    `line_laterals_m` are the lateral positions of the line centres from left to right:
+    the two lines of the ego lane, or all lines if the car changes lanes; empty without
+    a lane. `bonnet` says whether the car's bonnet is in the image. Without `exposure`,
+    the exposure adapts slightly to each image at once; with it, it follows with a
+    delay.
     """
 
     camera: Camera
@@ -113,28 +136,37 @@ class Drive:
 
     def truth(self, time_s: float = 0.0) -> Truth:
         """Ground truth of the frame at a time; no rendering."""
-        pitch_rad = self.camera_at(time_s).require_pose().pitch_rad
-        return lane_truth(self.road, self.pose(time_s), self.line_laterals_m, time_s=time_s, pitch_rad=pitch_rad)
+        return lane_truth(
+            self.road,
+            self.pose(time_s),
+            self.line_laterals_m,
+            time_s=time_s,
+            pitch_rad=self.camera_at(time_s).require_pose().pitch_rad,
+        )
 
     def pose(self, time_s: float) -> VehiclePose:
         """Pose of the car at a time."""
         pose = self.motion.pose(time_s)
         if not self.motion.rear_axle_m:
             return pose
-        # from the camera back to the point of the car that moves along the car's longitudinal axis
-        back_m = self.motion.rear_axle_m * (1 - (self.motion.progress(time_s)[1] / TANGENT_MPS) ** 2)
+        # From the camera back to the point of the car that moves along the car's
+        # longitudinal axis.
+        _, speed_mps = self.motion.progress(time_s)
+        back_m = self.motion.rear_axle_m * (1 - (speed_mps / TANGENT_MPS) ** 2)
         lag = self.road.heading(pose.s_m) - self.road.heading(pose.s_m - back_m)
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:
         """Camera with the pitch at a time."""
-        pose = self.camera.require_pose()
-        return self.camera.with_pose(replace(pose, pitch_rad=pose.pitch_rad + self.motion.pitch(time_s)))
+        return self.motion.pitched(self.camera, time_s)
 
 
 @dataclass(frozen=True)
 class SuiteScene:
-    """A named drive of a few seconds: `drive` makes it, `description` is one sentence; the name is in file names."""
+    """A named drive of a few seconds.
+
+    `drive` makes it, `description` is one sentence; the name is in file names.
+    """
 
     name: str
     difficulty: Difficulty

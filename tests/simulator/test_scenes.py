@@ -1,98 +1,261 @@
-"""The benchmark suite: names, cached videos, validity of every scene; and its variants."""
+"""The benchmark suite: names, cached videos, validity of scenes; and its variants."""
+
+from __future__ import annotations
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from benchmark.evaluation import PROJECT_ROOT
+from simulator.rendering.drive import Drive, SuiteScene
 from simulator.rendering.render import render_frame
-from simulator.road.truth import H_SAMPLES, line_pixels, visible_pixels
+from simulator.road.truth import H_SAMPLES, Truth, line_pixels, visible_pixels
 from simulator.scenes import suite
-from simulator.scenes.suite import ROAD_SCALE, SUITE, WEAR, cache_folder, render_scene, scene_path, vary_drive
+from simulator.scenes.suite import (
+    ROAD_SCALE,
+    SUITE,
+    WEAR,
+    cache_folder,
+    render_scene,
+    scene_path,
+    vary_drive,
+)
+from tests.simulator.small_drive import largest_difference, weighted_column
+
+WITH_LANE = {
+    name: scene for name, scene in SUITE.items() if scene.difficulty != "no lane"
+}
+# Scopes keep the tests of a scene together, so that it is made once.
+SCENES = pytest.mark.parametrize(
+    "scene",
+    SUITE.values(),
+    ids=SUITE,
+    scope="module",
+)
+SCENES_WITH_LANE = pytest.mark.parametrize(
+    "scene", WITH_LANE.values(), ids=WITH_LANE, scope="module"
+)
 
 
-def test_a_scene_is_rendered_once_and_again_when_the_renderer_changes(tmp_path, monkeypatch):
-    calls = []
+@pytest.fixture
+def rendered(monkeypatch) -> list[float]:
+    """Lengths of the videos that were rendered; they are empty files."""
+    seconds: list[float] = []
 
     def write(path, **options):
-        calls.append(options["seconds"])
+        seconds.append(options["seconds"])
         for suffix in (".mp4", ".csv", ".yaml"):
             path.with_suffix(suffix).write_text("")
 
     monkeypatch.setattr(suite, "write_video", write)
-    first, again = render_scene("motorway", tmp_path), render_scene("motorway", tmp_path)
-    assert first == again and calls == [10.0]
-    first.with_suffix(".yaml").unlink()
+    return seconds
+
+
+def test_a_scene_is_rendered_once(tmp_path, rendered):
+    first = render_scene("motorway", tmp_path)
+    again = render_scene("motorway", tmp_path)
+    assert first == again
+    assert rendered == [10.0]
+
+
+def test_an_incomplete_scene_is_rendered_again(tmp_path, rendered):
+    render_scene("motorway", tmp_path).with_suffix(".yaml").unlink()
     render_scene("motorway", tmp_path)
+    assert rendered == [10.0] * 2
+
+
+def test_a_scene_is_rendered_again_when_the_renderer_changes(
+    tmp_path, rendered, monkeypatch
+):
+    first = render_scene("motorway", tmp_path)
     monkeypatch.setattr(suite, "_renderer_hash", lambda: "changed")
     assert render_scene("motorway", tmp_path) != first
-    assert calls == [10.0] * 3
+    assert rendered == [10.0] * 2
+
+
+def test_an_unknown_scene_is_named_with_those_that_exist():
     with pytest.raises(ValueError, match="no scene 'motorwya'.*motorway"):
         render_scene("motorwya")
+
+
+def test_the_cache_folder_can_be_chosen(tmp_path, monkeypatch):
     monkeypatch.setenv("LANES_CACHE", str(tmp_path))
     assert scene_path("motorway").parent == tmp_path
-    monkeypatch.delenv("LANES_CACHE")
+
+
+def test_the_cache_folder_is_outside_of_the_project(monkeypatch):
+    monkeypatch.delenv("LANES_CACHE", raising=False)
     assert PROJECT_ROOT not in cache_folder().parents
 
 
-@pytest.mark.parametrize("scene", SUITE.values(), ids=SUITE)
-def test_every_drive_has_a_lane_between_stripes_exactly_where_its_difficulty_says_so(scene):
-    """The inner stripe of a double line bounds the lane."""
-    drive = scene.drive()
-    truths = [drive.truth(t) for t in np.linspace(0, scene.seconds, 9)]
-    assert {truth.has_lane for truth in truths} == {scene.difficulty != "no lane"}
+@lru_cache(maxsize=1)
+def drive_of(scene: SuiteScene) -> Drive:
+    return scene.drive()
+
+
+@lru_cache(maxsize=1)
+def truths_of(scene: SuiteScene) -> list[Truth]:
+    """Truth at nine times from the start to the end."""
+    drive = drive_of(scene)
+    return [drive.truth(time_s) for time_s in np.linspace(0, scene.seconds, 9)]
+
+
+@SCENES
+def test_a_drive_has_a_lane_exactly_where_its_difficulty_says_so(scene):
+    has_lane = {truth.has_lane for truth in truths_of(scene)}
+    assert has_lane == {scene.difficulty != "no lane"}
+
+
+@SCENES
+def test_a_drive_covers_more_than_15_m(scene):
+    truths = truths_of(scene)
     assert truths[-1].pose.s_m > truths[0].pose.s_m + 15
-    if scene.difficulty == "no lane":
-        return
-    assert 0.05 < max(abs(t.offset_m) for t in truths) < 2.0
-    assert max(abs(t.curvature_per_m) for t in truths) > 1 / 1000
-    assert all(np.isfinite(t.line_y(side, np.array([5.0]))).all() for t in truths for side in (0, 1))
-    middles = [(low + high) / 2 for marking in drive.markings for low, high in marking.stripes]
-    left, right = drive.truth(0.0).laterals_m
-    for line in (left, right):
-        assert min(abs(line - middle) for middle in middles) < 0.02
-        assert not any(right + 0.02 < middle < left - 0.02 and abs(middle - line) < 0.3 for middle in middles)
+
+
+@SCENES_WITH_LANE
+def test_the_car_is_off_the_centre_of_its_lane_but_in_it(scene):
+    offsets = [abs(truth.offset_m) for truth in truths_of(scene)]
+    assert 0.05 < max(offsets) < 2.0
+
+
+@SCENES_WITH_LANE
+def test_every_drive_has_a_bend(scene):
+    curvatures = [abs(truth.curvature_per_m) for truth in truths_of(scene)]
+    assert max(curvatures) > 1 / 1000
+
+
+@SCENES_WITH_LANE
+@pytest.mark.parametrize("side", [0, 1])
+def test_every_line_is_known_5_m_ahead(scene, side):
+    for truth in truths_of(scene):
+        (lateral_m,) = truth.line_y(side, np.array([5.0]))
+        assert np.isfinite(lateral_m)
+
+
+def stripe_centres(drive: Drive) -> np.ndarray:
+    edges = [edge for marking in drive.markings for edge in marking.stripes]
+    return np.mean(edges, axis=1)
+
+
+@SCENES_WITH_LANE
+def test_every_line_is_a_stripe(scene):
+    drive = drive_of(scene)
+    stripes = stripe_centres(drive)
+    for line_m in drive.truth(0.0).laterals_m:
+        assert np.abs(stripes - line_m).min() < 0.02
+
+
+@SCENES_WITH_LANE
+def test_the_inner_stripe_of_a_double_line_bounds_the_lane(scene):
+    drive = drive_of(scene)
+    stripes = stripe_centres(drive)
+    left_m, right_m = drive.truth(0.0).laterals_m
+    in_lane = stripes[(right_m + 0.02 < stripes) & (stripes < left_m - 0.02)]
+    for line_m in (left_m, right_m):
+        assert not (np.abs(in_lane - line_m) < 0.3).any()
+
+
+def paint_offsets_px(
+    drive: Drive,
+    time_s: float,
+) -> list[list[float]]:
+    """Distances, for each line, of its paint from the true columns.
+
+    The paint is what changes in the picture without its lane lines, where nothing hides
+    them.
+    """
+    frame = render_frame(drive, time_s)
+    bare = render_frame(replace(drive, markings=()), time_s)
+    paint = largest_difference(frame.image, bare.image)
+    offsets: list[list[float]] = [[], []]
+    for side in (0, 1):
+        columns = line_pixels(frame.truth, side, drive.camera_at(time_s))
+        columns = visible_pixels(columns, frame.hidden)
+        for row, u in zip(H_SAMPLES, columns, strict=True):
+            column = round(float(u))
+            at = np.arange(column - 25, column + 26)
+            inside = u > 30 and at[-1] < drive.camera.width
+            if not inside or row <= 450 or paint[row, at].max() <= 20:
+                continue
+            centre = weighted_column(paint[row, at] - 10, at)
+            offsets[side].append(centre - u)
+    return offsets
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["two-lane", "rain", "wet-night", "lorry"])
 def test_in_any_weather_paint_is_in_the_picture_where_the_truth_says(name):
-    """What changes in the picture without its lane lines is centred on the true columns, where nothing hides them."""
     drive = replace(SUITE[name].drive(), bonnet=False)
-    frame, bare = (render_frame(d, 1.0) for d in (drive, replace(drive, markings=())))
-    paint = np.abs(frame.image.astype(float) - bare.image).max(axis=2)
-    off = {0: [], 1: []}
-    for side in (0, 1):
-        columns = visible_pixels(line_pixels(frame.truth, side, drive.camera_at(1.0)), frame.hidden)
-        for row, u in zip(H_SAMPLES, columns, strict=True):
-            at = np.arange(round(float(u)) - 25, round(float(u)) + 26)
-            if u > 30 and row > 450 and at[-1] < drive.camera.width and paint[row, at].max() > 20:
-                weight = np.clip(paint[row, at] - 10, 0, None)
-                off[side].append((weight * at).sum() / weight.sum() - u)
-    assert len(off[0]) >= 4 and len(off[0] + off[1]) >= 8
-    assert np.median(np.abs(off[0] + off[1])) < 0.5 and np.abs(np.median(off[0])) < 0.5
+    left_px, right_px = paint_offsets_px(drive, 1.0)
+    assert len(left_px) >= 4
+    assert len(left_px + right_px) >= 8
+    assert np.median(np.abs(left_px + right_px)) < 0.5
+    assert np.abs(np.median(left_px)) < 0.5
 
 
-def test_a_variant_is_the_same_each_time_and_differs_from_the_others_and_variant_zero_is_the_drive_itself():
-    drive = SUITE["hairpin-right"].drive()
-    assert vary_drive(drive, 0) is drive
-    first, again, other = (vary_drive(drive, seed) for seed in (1, 1, 2))
-    assert first.motion == again.motion and first.camera.pose == again.camera.pose and first.lens == again.lens
-    assert first.motion != other.motion and first.camera.pose != other.camera.pose
-    assert len({drive.seed, first.seed, other.seed}) == 3
+@pytest.fixture(scope="module")
+def hairpin() -> Drive:
+    return SUITE["hairpin-right"].drive()
 
 
-def test_a_road_is_scaled_in_plan_and_keeps_its_slopes_and_its_paint_varies():
-    drive = SUITE["crests"].drive()
-    varied = vary_drive(drive, 3)
-    scale = varied.road.stations_m[-1] / drive.road.stations_m[-1]
+def test_variant_zero_is_the_drive_itself(hairpin):
+    assert vary_drive(hairpin, 0) is hairpin
+
+
+@pytest.mark.parametrize("part", ["motion", "lens", "seed"])
+def test_a_variant_is_the_same_each_time(hairpin, part):
+    first = vary_drive(hairpin, 1)
+    again = vary_drive(hairpin, 1)
+    assert getattr(first, part) == getattr(again, part)
+
+
+def test_the_camera_of_a_variant_is_the_same_each_time(hairpin):
+    assert vary_drive(hairpin, 1).camera.pose == vary_drive(hairpin, 1).camera.pose
+
+
+def test_two_variants_differ(hairpin):
+    first = vary_drive(hairpin, 1)
+    other = vary_drive(hairpin, 2)
+    assert first.motion != other.motion
+    assert first.camera.pose != other.camera.pose
+    assert len({hairpin.seed, first.seed, other.seed}) == 3
+
+
+@pytest.fixture(scope="module")
+def crests() -> Drive:
+    return SUITE["crests"].drive()
+
+
+@pytest.fixture(scope="module")
+def varied_crests(crests) -> Drive:
+    return vary_drive(crests, 3)
+
+
+def test_the_road_of_a_variant_is_scaled_in_plan(crests, varied_crests):
+    road = crests.road
+    varied = varied_crests.road
+    scale = varied.stations_m[-1] / road.stations_m[-1]
     low, high = ROAD_SCALE
-    assert low <= scale <= high and scale != 1
-    np.testing.assert_allclose(varied.road.values * scale, drive.road.values)
-    np.testing.assert_allclose(varied.road.profile.values, drive.road.profile.values)
-    # the same bend, enlarged: the angle does not change
-    assert varied.road.heading(60.0 * scale) == pytest.approx(float(drive.road.heading(60.0)))
-    wear = [new.wear / old.wear for new, old in zip(varied.markings, drive.markings, strict=True)]
+    assert low <= scale <= high
+    assert scale != 1
+    np.testing.assert_allclose(varied.values * scale, road.values)
+    # The same bend, enlarged: the angle does not change.
+    angle = float(road.heading(60.0))
+    assert varied.heading(60.0 * scale) == pytest.approx(angle)
+
+
+def test_the_road_of_a_variant_keeps_its_slopes(crests, varied_crests):
+    slopes = varied_crests.road.profile.values
+    np.testing.assert_allclose(slopes, crests.road.profile.values)
+
+
+def test_the_wear_of_each_line_varies(crests, varied_crests):
+    wear = []
+    for new, old in zip(varied_crests.markings, crests.markings, strict=True):
+        wear.append(new.wear / old.wear)
     low, high = WEAR
-    assert low <= min(wear) <= max(wear) <= high and len(np.unique(wear)) == len(wear)
+    assert low <= min(wear)
+    assert max(wear) <= high
+    assert len(set(wear)) == len(wear)
