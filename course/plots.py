@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from helpers import FourPointWarp, birdseye_to_road
-from lanes.camera import Camera
 from lanes.canvas import WINDOW_COLOUR
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.figures import draw_on_road_grid, new_figure, rgb
@@ -33,18 +32,20 @@ class RoadAxes(NamedTuple):
     y_m: np.ndarray
 
 
-def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
+def road_axes(warp: FourPointWarp, image_to_road: np.ndarray) -> RoadAxes:
     """Axes in metres of the view of a four-point warp, for `show_birdseye`.
 
-    They are exact if the four points are a rectangle on the road, parallel to the car's axis. Otherwise they hold for
-    the centre column and the bottom row. Raises CameraError if the camera has no pose.
+    They are exact if the four points are a rectangle on the road, parallel to the car's
+    axis. Otherwise they hold for the centre column and the bottom row. `image_to_road` is
+    a homography of `helpers.road_homography`.
     """
     width, height = warp.size
     rows, columns = np.arange(height), np.arange(width)
     centre_column = np.column_stack([np.full(height, (width - 1) / 2), rows])
     bottom_row = np.column_stack([columns, np.full(width, height - 1)])
-    x_m, y_m = (birdseye_to_road(points, warp, camera) for points in (centre_column, bottom_row))
-    return RoadAxes(x_m[:, 0], y_m[:, 1])
+    ahead_m = birdseye_to_road(centre_column, warp, image_to_road)
+    across_m = birdseye_to_road(bottom_row, warp, image_to_road)
+    return RoadAxes(ahead_m[:, 0], across_m[:, 1])
 
 
 def show_pictures(
