@@ -18,12 +18,12 @@ from course.measures import lane_widths_px as lane_widths_px
 from course.measures import marking_precision as marking_precision
 from course.measures import marking_recall as marking_recall
 from course.measures import score_finders as score_finders
-from course.measures import worst_lateral_error_m as worst_lateral_error_m
 from course.plots import plot_bars as plot_bars
 from course.plots import plot_series as plot_series
 from course.plots import road_axes as road_axes
 from course.plots import show_birdseye as show_birdseye
 from course.plots import show_pictures as show_pictures
+from course.plots import show_table as show_table
 from course.sliders import tune_threshold as tune_threshold
 from course.videos import show_video as show_video
 from lanes.describe import format_table as format_table

@@ -9,12 +9,17 @@ from course.measures import (
     check,
     check_error,
     describe_error,
+    lane_widths_px,
     marking_precision,
     marking_recall,
-    worst_lateral_error_m,
 )
-from helpers import RoadLine
-from tests.support.classic_lane import lane_result
+from helpers import (
+    FourPointWarp,
+    Lens,
+    RoadLine,
+    road_homography,
+    road_to_pixels,
+)
 
 X = np.arange(0.0, 45, 5)
 
@@ -24,14 +29,27 @@ def truth() -> dict:
     return {"x_m": X.tolist(), "left_y_m": left.lateral_m(X).tolist(), "right_y_m": right.lateral_m(X).tolist()}
 
 
-def test_the_worst_lateral_error_in_words_and_metres_is_that_of_both_lines_within_the_range():
-    # the right line departs to the right by 0.01 m per metre: 0.3 m at 30 m; points farther ahead do not count
-    found = lane_result(RoadLine(1.65, 0.02, 0.001), RoadLine(-2.0, 0.01, 0.001))
-    assert worst_lateral_error_m(found, truth()) == pytest.approx(0.3)
-    assert worst_lateral_error_m(found, None) is None
-    for lost in (None, lane_result(None, None, "lost")):
-        assert worst_lateral_error_m(lost, truth()) == worst_lateral_error_m(lost, None) == np.inf
-    assert [describe_error(e) for e in (None, np.inf, 0.123)] == ["unknown", "lost", "0.12 m"]
+def test_an_error_in_words_is_unknown_lost_or_in_metres():
+    assert describe_error(None) == "unknown"
+    assert describe_error(np.inf) == "lost"
+    assert describe_error(0.123) == "0.12 m"
+
+
+def test_a_straight_lane_has_its_width_in_columns_at_every_distance_of_a_map():
+    # a camera that looks straight ahead, 1.2 m above the road
+    matrix = np.array([[1000, 0, 640], [0, 1000, 360], [0, 0, 1]])
+    lens = Lens(matrix, np.zeros(5), (1280, 720))
+    image_to_road = road_homography(lens, height_m=1.2, pitch_rad=0.0)
+    rectangle_m = [(40, 2), (40, -2), (5, -2), (5, 2)]
+    source_px = road_to_pixels(rectangle_m, image_to_road)
+    destination_px = [(240, 0), (1040, 0), (1040, 720), (240, 720)]
+    warp = FourPointWarp(source_px, destination_px, lens.size)
+
+    lines_m = [(1.5, 0.01), (-2.0, 0.01)]
+    widths_px = lane_widths_px(warp, image_to_road, lines_m, [6, 20, 39])
+
+    # 800 columns are 4 m
+    assert widths_px == pytest.approx([700, 700, 700], abs=0.01)
 
 
 def road_points(shift_m: float) -> np.ndarray:
