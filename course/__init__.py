@@ -15,8 +15,6 @@ from course.measures import accuracy_table as accuracy_table
 from course.measures import check as check
 from course.measures import check_error as check_error
 from course.measures import lane_widths_px as lane_widths_px
-from course.measures import marking_precision as marking_precision
-from course.measures import marking_recall as marking_recall
 from course.measures import score_finders as score_finders
 from course.plots import plot_bars as plot_bars
 from course.plots import plot_series as plot_series

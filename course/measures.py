@@ -1,4 +1,4 @@
-"""Results of the course against the truth: lateral errors of lanes, precision and recall of marking pixels, accuracy.
+"""Results of the course against the truth: lateral errors of lanes, and accuracy.
 
 Truth is a frame of truth.json (see course.dataset): points of both lines in the road frame, metres. Stills are with
 truth (the embedded ones), with hand-made labels (`labels.jsonl`), or with neither; the table of the accuracy of several
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,14 +22,6 @@ from helpers import FourPointWarp, Lens, distort_points, road_to_pixels
 from lanes.describe import format_table
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.score import score_still, summarize
-
-# The range that a driver needs: from the bonnet to about a second ahead on a motorway.
-NEAR_M, FAR_M = 5.0, 30.0
-# Ends of the steps of a line that have a marking on them, or not.
-STEPS_M = np.arange(NEAR_M, FAR_M + 0.1, 0.5)
-# Points count up to the first distance outside the lane. A point within the second one of the centre of a line lies on
-# it: half the width of a line, and the same again for blur.
-MARGIN_M, TOLERANCE_M = 1.0, 0.2
 
 
 class HasLines(Protocol):
@@ -68,62 +60,6 @@ def lane_widths_px(
         columns.append(view_px[:, 0])
     left, right = columns
     return right - left
-
-
-class ComparedMarkings(NamedTuple):
-    """N points compared with S steps of the true lines of the ego lane.
-
-    Whether a point counts for the precision (N,), and lies on the left or the right line (2, N); whether a step of
-    these lines has a point on it (2, S).
-    """
-
-    counted: np.ndarray
-    on_line: np.ndarray
-    covered: np.ndarray
-
-
-def compare_markings(points_m: np.ndarray, truth: dict) -> ComparedMarkings:
-    """Compare marking points (N, 2) with the truth; see `marking_precision` and `marking_recall`."""
-    x, y = np.asarray(points_m, float).reshape(-1, 2).T
-    left, right = lines = np.array(
-        [np.interp(x, truth["x_m"], truth[key]) for key in ("left_y_m", "right_y_m")]
-    )
-    counted = (
-        (x >= NEAR_M) & (x <= FAR_M) & (y < left + MARGIN_M) & (y > right - MARGIN_M)
-    )
-    on_line: np.ndarray = np.abs(y - lines) <= TOLERANCE_M
-    return ComparedMarkings(
-        counted,
-        on_line,
-        np.array([np.histogram(x[on], STEPS_M)[0] > 0 for on in on_line]),
-    )
-
-
-def marking_precision(points_m: np.ndarray, truth: dict | None) -> float | None:
-    """Precision of marking points: the share of them that lies on a line of the ego lane, in range 0..1.
-
-    The points (N, 2) 5 to 30 m ahead (x forward, y left, metres) count, in the ego lane and up to 1 m outside it. A
-    point lies on a line if it is within 0.2 m of its centre. None without truth, which is a frame of truth.json, or
-    without any point in that range.
-    """
-    if truth is None:
-        return None
-    compared = compare_markings(points_m, truth)
-    on_line = compared.on_line[:, compared.counted].any(axis=0)
-    return float(on_line.mean()) if on_line.size else None
-
-
-def marking_recall(points_m: np.ndarray, truth: dict | None) -> float | None:
-    """Recall of marking points: the share of both lines, 5 to 30 m ahead, with a point on it; None without truth.
-
-    The lines are divided into steps of half a metre. Gaps of a dashed line count as well, so its recall cannot exceed
-    the share of its dashes unless noise fills the gaps.
-    """
-    return (
-        None
-        if truth is None
-        else float(compare_markings(points_m, truth).covered.mean())
-    )
 
 
 def describe_error(error_m: float | None) -> str:
