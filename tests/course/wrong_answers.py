@@ -12,8 +12,9 @@ DIVISION = "(x_d - tangential_x) / radial, (y_d - tangential_y) / radial"
 MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
 WIDTH = "(right - left) * pose_across_m"
 STEP_IN_GAP = "\n        column += step", "\n            column += step"
-ENDS = "ends_m = np.array([[7, np.polyval(left_road, 7)], [7, np.polyval(right_road, 7)]]); bar_px = "
 WIDTHS = "np.all(np.abs(widths_m - 3.7) < 0.6)"
+PARALLEL = "\n        and abs(left_curvature - right_curvature) < 0.002"
+SHARPEST = "\n        and max(abs(left_curvature), abs(right_curvature)) < 1 / 300"
 HALF = "np.where(left, width_m / 2, -width_m / 2)"
 GRADIENT = "cells.T @ too_large / len(cells), too_large.mean()"
 
@@ -63,21 +64,40 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("not 0.4 to the power of 3", "ransac_choice = 3, 105"),
         ("not the smallest number", "ransac_choice = 3, 30"),
         ("at least one of 5 samples", "ransac_choice = 3, 5"),
+        ("two whole numbers", "ransac_choice = 3, 28.5"),
+        ("do not determine a parabola", "ransac_choice = 2, 20"),
     ],
     "8.1": [
-        ("forgot the lens", ENDS + "camera.undistort_points(camera.road_to_pixels(ends_m))"),
-        ("the right end is 9 px off", ENDS + "camera.road_to_pixels(ends_m) + [[0, 0], [9, 0]]"),
+        ("forgot the lens", ("bar_px = through_lens(bar_flat_px)", "bar_px = bar_flat_px")),
+        (
+            "through the lens backwards",
+            ("through_lens(bar_flat_px)", "helpers.undistort_points(bar_flat_px, lens)"),
+        ),
+        ("left and right are exchanged", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[::-1]")),
+        ("(row, column)", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[:, ::-1]")),
+        ("the right end is 9 px off", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px) + [[0, 0], [9, 0]]")),
     ],
     "8.2": [
         ("refuses the lane of chapter 7", ("widths_m - 3.7) < 0.6", "widths_m - 3.2) < 0.1")),
+        ("the same line twice", "is_plausible = lambda left, right: True"),
         ("left line is on the right", (WIDTHS, "np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6)")),
+        ("not parallel", (WIDTHS, "abs(widths_m[0] - 3.7) < 0.6"), (PARALLEL, "")),
+        ("50 m radius", (SHARPEST, "")),
+        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.66) < 0.08"), ("< 0.002", "< 0.0003")),
         (
             "believe",
             (WIDTHS, "np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1"),
-            ("abs(curvatures[0] - curvatures[1]) < 0.002", "True"),
+            (PARALLEL, ""),
             ("1 / 300", "0.01"),
         ),
-        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.62) < 0.05")),
+    ],
+    "8.3": [
+        ("there is no photo yet", "my_points_px = pose_warp.source_px"),
+        ("no file", ('DATA.still("straight_lines1")', '"no_road.jpg"')),
+        ("an array of shape (4, 2)", ("source_px", "source_px[:2]")),
+        ("must be higher in the image", ("source_px", "source_px[:, ::-1]")),
+        ("left and right are exchanged", ("source_px", "source_px[[1, 0, 3, 2]]")),
+        ("Move the far points together", ("pose_warp", 'warps["hls_sobel"]')),
     ],
     "9.1": [
         ("in radians", ("np.degrees", "")),
