@@ -629,7 +629,7 @@ def metres_per_pixel(
     if not np.isfinite([left, right, near, far]).all():
         raise ValueError(
             "the quadrangle of the warp reaches the horizon of this camera, so its "
-            "rows have no length on the road; choose lower points, or correct the pitch."
+            "rows have no length on the road; choose lower points or correct the pitch."
         )
     across_m = np.linalg.norm(left - right)
     along_m = np.linalg.norm(far - near) / max(height - 1, 1)
@@ -712,7 +712,7 @@ def sobel_gradient(
 
 
 def edge_direction(along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
-    """Direction of each gradient, radians: 0 for a vertical edge, pi / 2 for a level one."""
+    """Directions of a gradient, radians; 0 is a vertical edge, pi / 2 a level one."""
     return cv2.phase(np.abs(along_u), np.abs(along_v))
 
 
