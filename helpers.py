@@ -106,9 +106,11 @@ def write_image(path: str | Path, image: np.ndarray) -> Path:
     if path.suffix.lower() not in IMAGE_FILES:
         raise ValueError(f"{path}: end the name in .jpg or .png.")
     bgr = cv2.cvtColor(require_rgb(image), cv2.COLOR_RGB2BGR)
-    # clean edges at about a fifth of the size of a PNG; other formats ignore it
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 92]
-    _, data = cv2.imencode(path.suffix, bgr, quality)
+    options = []
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        # clean edges at about a fifth of the size of a PNG
+        options = [cv2.IMWRITE_JPEG_QUALITY, 92]
+    _, data = cv2.imencode(path.suffix, bgr, options)
     path.parent.mkdir(parents=True, exist_ok=True)
     with complete_file(path) as partial_path:
         partial_path.write_bytes(data.tobytes())
@@ -716,9 +718,31 @@ def edge_direction(along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
     return cv2.phase(np.abs(along_u), np.abs(along_v))
 
 
-def gradient_mask(channel: np.ndarray, levels: Levels) -> np.ndarray:
+class Channels:
+    """The channels and gradients of an RGB image; each is computed once."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.image = image
+        self.channels: dict[str, np.ndarray] = {}
+        self.gradients: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def channel(self, name: str) -> np.ndarray:
+        """See `colour_channel`."""
+        if name not in self.channels:
+            self.channels[name] = colour_channel(self.image, name)
+        return self.channels[name]
+
+    def gradient(self, name: str, kernel: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `sobel_gradient`."""
+        key = (name, kernel)
+        if key not in self.gradients:
+            self.gradients[key] = sobel_gradient(self.channel(name), kernel)
+        return self.gradients[key]
+
+
+def gradient_mask(channels: Channels, levels: Levels) -> np.ndarray:
     """Binary of a threshold on the gradient of a channel."""
-    along_u, along_v = sobel_gradient(channel, levels.kernel)
+    along_u, along_v = channels.gradient(levels.channel, levels.kernel)
     if levels.of == "direction":
         return cv2.inRange(edge_direction(along_u, along_v), levels.low, levels.high)
 
@@ -745,13 +769,13 @@ def slanted_edges(binary: np.ndarray, edges_rad: tuple[float, float]) -> np.ndar
     return cv2.inRange(edge_direction(along_u, along_v), edges_rad[0], edges_rad[1])
 
 
-def level_mask(image: np.ndarray, levels: Levels) -> np.ndarray:
-    """Binary (height, width) of one threshold on an RGB image."""
-    channel = colour_channel(image, levels.channel)
+def level_mask(channels: Channels, levels: Levels) -> np.ndarray:
+    """Binary (height, width) of one threshold."""
     if levels.of == "value":
+        channel = channels.channel(levels.channel)
         mask = cv2.inRange(channel, levels.low, levels.high)
     else:
-        mask = gradient_mask(channel, levels)
+        mask = gradient_mask(channels, levels)
     if levels.edges_rad is not None:
         mask = slanted_edges(mask, levels.edges_rad)
     return mask
@@ -774,11 +798,17 @@ class Thresholds:
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """All binaries (height, width) of an RGB image by name, and "combined"."""
-        image = require_rgb(image)
+        channels = Channels(require_rgb(image))
         region = self.region_mask(image)
         masks = {}
         for name, alternatives in self.rules.items():
-            masks[name] = region & self.rule_mask(image, alternatives)
+            mask = np.zeros_like(region)
+            for all_levels in alternatives:
+                all_hold = region.copy()
+                for levels in all_levels:
+                    all_hold &= level_mask(channels, levels)
+                mask |= all_hold
+            masks[name] = mask
 
         combined = np.zeros_like(region)
         for name in self.combined:
@@ -788,18 +818,6 @@ class Thresholds:
             combined = cv2.morphologyEx(combined, cv2.MORPH_CLOSE, square)
         masks["combined"] = combined
         return masks
-
-    def rule_mask(
-        self, image: np.ndarray, alternatives: Sequence[Sequence[Levels]]
-    ) -> np.ndarray:
-        """Binary of one rule: one of the alternatives holds with all of its levels."""
-        mask = np.zeros(image.shape[:2], np.uint8)
-        for all_levels in alternatives:
-            all_hold = np.full_like(mask, 255)
-            for levels in all_levels:
-                all_hold &= level_mask(image, levels)
-            mask |= all_hold
-        return mask
 
     def region_mask(self, image: np.ndarray) -> np.ndarray:
         """Binary of the region in which the other binaries may be set."""
@@ -2114,8 +2132,8 @@ def read_numbered(
         raise ValueError(f"{path}: has no frame at {start_s} s; it ends before.")
     if number < min(end, announced):
         warnings.warn(
-            f"{path}: only {number} of {announced} frames can be read; it is cut off "
-            "or damaged.",
+            f"{path}: only {number} of {announced} frames can be read: it is damaged, "
+            "or was cut so that the others are hidden.",
             stacklevel=3,
         )
 

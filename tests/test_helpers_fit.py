@@ -20,9 +20,7 @@ from helpers import (
 from tests.support.classic_lane import USUAL_SCALES
 
 ROWS = np.arange(0, 720)
-TO_ROAD = partial(
-    scale_to_road, metres_per_px=USUAL_SCALES, birdseye_size=(1280, 720)
-)
+TO_ROAD = partial(scale_to_road, metres_per_px=USUAL_SCALES, birdseye_size=(1280, 720))
 BENT = (3e-4, -0.2, 300)
 both_fitters = pytest.mark.parametrize("fitter", [fit_line, ransac_line])
 

@@ -119,7 +119,9 @@ def test_recipe_c_has_a_wider_gate_for_bends_on_the_right():
     assert len(remember(C_RIGHT, [100, bent]).fits) == 2
 
 
-@pytest.mark.parametrize("rules", [A, B, C_LEFT, C_RIGHT], ids=["A", "B", "C", "C right"])
+@pytest.mark.parametrize(
+    "rules", [A, B, C_LEFT, C_RIGHT], ids=["A", "B", "C", "C right"]
+)
 def test_a_line_missed_too_often_begins_again(rules):
     """Our restart: a wrong line must not persist."""
     line = remember(rules, [100] + [None] * rules.max_missed)
