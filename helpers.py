@@ -18,6 +18,7 @@ Road points are (x, y), x forward and y to the left, metres.
 from __future__ import annotations
 
 import csv
+import io
 import os
 import re
 import warnings
@@ -61,10 +62,14 @@ def require_rgb(image: np.ndarray) -> np.ndarray:
             "read it with read_image."
         )
     is_rgb = image.ndim == 3 and image.shape[-1] == 3 and image.dtype == np.uint8
-    if not is_rgb or not image.size:
+    if not is_rgb:
         raise ValueError(
             "expected an RGB image of shape (height, width, 3) and dtype uint8, "
             f"got shape {image.shape}, dtype {image.dtype}; read it with read_image."
+        )
+    if not image.size:
+        raise ValueError(
+            f"image holds no pixels (shape {image.shape}); check how it was cropped."
         )
     return np.ascontiguousarray(image)
 
@@ -2267,12 +2272,13 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Write rows of telemetry as CSV, empty where there is no value."""
     path.parent.mkdir(parents=True, exist_ok=True)
     names = dict.fromkeys(name for row in rows for name in row)
+    text = io.StringIO()
+    table = csv.DictWriter(text, fieldnames=list(names), lineterminator="\n")
+    table.writeheader()
+    for row in rows:
+        table.writerow({name: csv_field(row.get(name)) for name in names})
     with complete_file(path) as partial_table:
-        with open(partial_table, "w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, fieldnames=list(names))
-            table.writeheader()
-            for row in rows:
-                table.writerow({name: csv_field(row.get(name)) for name in names})
+        partial_table.write_text(text.getvalue(), encoding="utf-8", newline="")
 
 
 def csv_field(value: object) -> object:

@@ -45,7 +45,7 @@ def result(image):
 
 @pytest.fixture
 def gray():
-    """Read-only: a function that writes on its input raises, one that copies does not."""
+    """Read-only: a function that writes on its input raises."""
     image = np.full((96, 160, 3), 100, np.uint8)
     image.flags.writeable = False
     return image

@@ -1,4 +1,4 @@
-"""Lines of one frame: exact, robust, refused if undetermined; and the line on the road."""
+"""Lines of one frame: exact, robust, refused if undetermined; lines on the road."""
 
 from functools import partial
 
@@ -93,7 +93,7 @@ def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
 
 
 def test_ransac_with_150_samples_is_nearly_least_squares():
-    """Recipe C's number: with an outlier among 150 pixels each trial is bent as well."""
+    """Recipe C's number: there is an outlier in every sample."""
     line = np.repeat(line_pixels(BENT), 10, axis=0) + noise(2, 7200, seed=4)
     random = np.random.default_rng(4)
     block_u = random.uniform(320, 420, 3000)

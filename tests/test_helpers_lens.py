@@ -1,4 +1,4 @@
-"""Images, calibration and the lens: files, boards that are cut off, points and images."""
+"""Images, calibration and the lens: files, boards cut off, points and images."""
 
 from pathlib import Path
 from shutil import copy

@@ -1,4 +1,4 @@
-"""Videos: every frame once and in order, the sound kept, nothing unfinished left over."""
+"""Videos: every frame once and in order, with sound; nothing unfinished is left."""
 
 import csv
 

@@ -16,10 +16,9 @@ from helpers import (
     scale_to_road,
     undistort_points,
 )
-from lanes.camera import Camera, CameraPose, load_camera
-from tests.support.classic_lane import USUAL_SCALES, image_to_road, lens_of
+from lanes.camera import Camera, CameraPose
+from tests.support.classic_lane import image_to_road, lens_of
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
-from tests.support.project import ROOT
 
 SIZE = (1280, 720)
 TRAPEZIUM = [(580, 460), (740, 460), (1100, 670), (270, 670)]

@@ -1,5 +1,4 @@
-"""Inputs and results of the classic pipeline: lens and homography of a camera, a finder, a
-result without images."""
+"""The classic pipeline in tests: a camera's lens and homography, a finder, a result."""
 
 from __future__ import annotations
 
