@@ -47,7 +47,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("Of the solid yellow line", ("cv2.inRange(yellow, 12, 255) | ", "")),
         (
             "not what paint looks like",
-            ("def paint_mask(above):\n", "def paint_mask(above):\n    above = spots_above\n"),
+            ("def paint_mask(above):\n", "def paint_mask(above):\n    above = shade_above\n"),
         ),
     ],
     "6.1": [
