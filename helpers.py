@@ -41,7 +41,8 @@ Colour = tuple[int, int, int]
 
 IMAGE_FILES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 # Smallest part of a board that is used: fewer corners occur by chance in textures.
-MIN_COLUMNS, MIN_ROWS = 5, 4
+MIN_COLUMNS = 5
+MIN_ROWS = 4
 # Largest distance of a corner from an even grid, as a share of a square. Measured on
 # Udacity's boards: up to 0.16 because of the lens, 0.39 or more if a row is skipped.
 MAX_UNEVENNESS = 0.25
@@ -101,6 +102,17 @@ def read_image(path: str | Path) -> np.ndarray:
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
 
 
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """Another name to write a file under; it is renamed if the block succeeds."""
+    partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        yield partial_path
+        os.replace(partial_path, path)
+    finally:
+        partial_path.unlink(missing_ok=True)
+
+
 def write_image(path: str | Path, image: np.ndarray) -> Path:
     """Write an RGB image (height, width, 3), uint8; returns the path.
 
@@ -120,17 +132,6 @@ def write_image(path: str | Path, image: np.ndarray) -> Path:
     with complete_file(path) as partial_path:
         partial_path.write_bytes(data.tobytes())
     return path
-
-
-@contextmanager
-def complete_file(path: Path) -> Iterator[Path]:
-    """Another name to write a file under; it is renamed if the block succeeds."""
-    partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        yield partial_path
-        os.replace(partial_path, path)
-    finally:
-        partial_path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -366,8 +367,9 @@ def fit_lens(
             objectPoints=[board.points for board in boards.values()],
             imagePoints=[board.corners_px for board in boards.values()],
             imageSize=size,
-            cameraMatrix=None,
-            distCoeffs=None,
+            # no first guess: they are overwritten
+            cameraMatrix=np.eye(3),
+            distCoeffs=np.zeros(5),
         )
     except cv2.error as error:
         raise ValueError(
@@ -981,7 +983,7 @@ def slide_along_line(
     return np.concatenate(found), np.array(windows)
 
 
-def band_pixels(pixels: np.ndarray, line: ArrayLike, margin_px: float) -> np.ndarray:
+def band_pixels(pixels: np.ndarray, line: np.ndarray, margin_px: float) -> np.ndarray:
     """The pixels, of (N, 2), within `margin_px` columns of a line (A, B, C)."""
     if not len(pixels):
         return pixels
@@ -1065,13 +1067,13 @@ def ransac_line(
     return fit_line(points[best], min_span_px=min_span_px)
 
 
-def line_points(line: ArrayLike, height: int) -> np.ndarray:
+def line_points(line: np.ndarray, height: int) -> np.ndarray:
     """Points (N, 2) of a line in every eighth row and the last one, far to near."""
     rows = np.append(np.arange(0, height - 1, 8), height - 1)
     return np.column_stack([np.polyval(line, rows), rows])
 
 
-def mean_distance_px(line: ArrayLike, other: ArrayLike, height: int) -> float:
+def mean_distance_px(line: np.ndarray, other: np.ndarray, height: int) -> float:
     """Mean absolute distance of two lines over the rows 0 to height - 1, columns."""
     rows = np.arange(height)
     distances_px = np.polyval(line, rows) - np.polyval(other, rows)
@@ -1098,7 +1100,7 @@ class RoadLine:
 
 
 def road_line(
-    line: ArrayLike, to_road: Callable[[np.ndarray], np.ndarray], height: int
+    line: np.ndarray, to_road: Callable[[np.ndarray], np.ndarray], height: int
 ) -> RoadLine | None:
     """The line on the road: points of a line of the view, mapped and fitted there.
 
@@ -1167,9 +1169,8 @@ class Line:
         self.near = near  # search around the "mean" so far or the "last" fit
         self.fits: list[np.ndarray] = []
         self.missed = 0  # frames in a row
-        self.state = (
-            "lost"  # "found" in this frame, "kept" from earlier ones, or "lost"
-        )
+        # "found" in this frame, "kept" from earlier ones, or "lost"
+        self.state = "lost"
 
     def mean(self) -> np.ndarray | None:
         """Mean (3,) of the last fits; None without any."""
@@ -1274,18 +1275,22 @@ class Recipe:
     histogram_rows_px: tuple[int, int] = (360, 720)
     recentre_pixels: int = 50
     flood_pixels: int | None = None
-    # binaries for the left and the right line of the first frame, and of a later one
-    # before which a line is not known
+    # candidates for the left and the right line of the first frame, and of a later one
+    # if the line is not known
     first_binaries: tuple[str, str] = ("combined", "combined")
     unknown_binaries: tuple[str, str] = ("combined", "combined")
     # search both lines with windows as soon as one of them was missed
     search_together: bool = True
-    measured_fits: int | None = None  # measure the mean of so many fits in metres
+    # Measure the mean of so many fits in metres (B), else the line that is drawn. (A's
+    # author measures the present frame, and C's program the first one for ever.)
+    measured_fits: int | None = None
     min_span_px: float = 160  # two windows: a shorter line determines no curvature
 
     def four_point_warp(self) -> FourPointWarp:
         """The homography from the undistorted image to the bird's-eye view."""
-        return FourPointWarp(self.source_px, self.destination_px, self.size)
+        source_px = np.array(self.source_px)
+        destination_px = np.array(self.destination_px)
+        return FourPointWarp(source_px, destination_px, self.size)
 
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for images resized to `size` (width, height).
@@ -1517,9 +1522,8 @@ class LaneResult:
     missing.
     """
 
-    left: (
-        np.ndarray | None
-    )  # (3,) in the bird's-eye view, from the memory if there is one
+    # (3,) in the bird's-eye view, from the memory if there is one
+    left: np.ndarray | None
     right: np.ndarray | None
     left_road: RoadLine | None
     right_road: RoadLine | None
@@ -1723,9 +1727,9 @@ class LaneFinder:
         thresholds = self.recipe.video_thresholds
         undistorted = undistort(image, self.lens)
         masks = self.threshold(undistorted, thresholds)
-        names = {*thresholds.candidates, *self.recipe.first_binaries}
-        names.update(self.recipe.unknown_binaries)
-        views = {name: self.look_from_above(name, masks) for name in names}
+        views = {}
+        for name in thresholds.candidates:
+            views[name] = self.look_from_above(name, masks)
 
         near = [line.search_near() for line in self.lines]
         if self.recipe.search_together and (near[0] is None or near[1] is None):
@@ -1792,9 +1796,8 @@ class LaneFinder:
 
     def measure(self, side: int, fit: np.ndarray | None) -> RoadLine | None:
         """The line in metres that is measured: from the memory, or a mean of fits."""
-        memory = self.lines[side]
-        if self.recipe.measured_fits is None or memory.state == "lost":
-            return self.place_on_road(memory.mean())
+        if self.recipe.measured_fits is None:
+            return self.place_on_road(self.lines[side].mean())
         road = self.place_on_road(fit)
         numbers = None
         if road is not None:
@@ -1916,7 +1919,7 @@ def draw_pixels(
 
 def draw_lines(
     view: np.ndarray,
-    lines: Sequence[ArrayLike | None],
+    lines: Sequence[np.ndarray | None],
     *,
     colour: Colour = RANSAC_COLOUR,
     width_px: float | None = None,

@@ -263,6 +263,17 @@ def test_recipe_b_measures_the_mean_of_twenty_fits_in_metres():
     assert lane_result(*drawn).offset_m == pytest.approx(last_ten_m, abs=0.002)
 
 
+def test_recipe_b_measures_a_new_line_alone_after_the_restart():
+    follow = finder("equalized_hsv")
+    follow.follow(picture(LaneRoad(0.0, 0.5)))
+    black = HOSTILE["black"]
+    states = [follow.follow(black).state for _ in range(26)]
+    assert states[-2:] == ["kept", "lost"]
+    again = follow.follow(picture(LaneRoad(0.0, -0.5)))
+    assert again.state == "found"
+    assert again.offset_m == pytest.approx(-0.5, abs=0.03)
+
+
 @every_recipe
 def test_stills_do_not_influence_each_other_nor_a_drive(name):
     fresh = summary(finder(name).find(picture(LEFT_BEND)))
@@ -285,13 +296,11 @@ def test_two_finders_of_a_recipe_have_no_common_memory(name):
     assert black.state == "lost"
 
 
+NOTHING = [[Levels("RGB R", 256, 256)]]
 BLIND = Thresholds(
-    {
-        name: [[Levels("RGB R", 256, 256)]]
-        for name in ("red", "gradients", "lab b", "hue")
-    },
+    rules={"red": NOTHING, "gradients": NOTHING, "lab b": NOTHING},
     combined=["red"],
-    candidates=["red"],
+    candidates=["combined", "red", "gradients", "lab b"],
 )
 
 
