@@ -8,6 +8,7 @@ from shutil import copy, copytree
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from lanes.files import read_telemetry
 from lanes.video.reader import inspect_video
@@ -112,7 +113,7 @@ def test_the_offset_of_the_still_is_that_of_the_truth(folder):
     truth = json.loads((ROOT / "test_images" / "truth.json").read_text())
     frames = {frame["raw_file"]: frame for frame in truth["frames"]}
     offset_m = frames["test_images/test2.jpg"]["offset_m"]
-    assert told(folder)["still_offset_m"] == pytest.approx(offset_m, abs=0.1)
+    assert told(folder)["still_offset_m"] == approx(offset_m, abs=0.1)
 
 
 def imported_packages():

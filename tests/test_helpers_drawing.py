@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from pytest import approx
 
 from helpers import (
     LANE_COLOUR,
@@ -25,12 +27,21 @@ from tests.support.classic_lane import lens_of, start_finder
 from tests.support.painted_roads import LANE_WIDTH_M, LaneRoad, paint_lane
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 
+parametrize = pytest.mark.parametrize
+
 ROAD = LaneRoad(curvature_per_m=1 / 500, offset_m=0.28)
 LEFT = np.array([[60.0, 20.0], [20.0, 80.0]])
 RIGHT = np.array([[100.0, 20.0], [140.0, 80.0]])
 # a lens that moves a point near the corner by more than ten pixels
-MATRIX = np.array([[120.0, 0, 79.5], [0, 120.0, 47.5], [0, 0, 1]])
-LENS = Lens(MATRIX, np.array([-0.25, 0.03, 0.001, -0.001, 0.0]), (160, 96))
+MATRIX = np.array(
+    [
+        [120.0, 0, 79.5],
+        [0, 120.0, 47.5],
+        [0, 0, 1],
+    ]
+)
+DISTORTION = np.array([-0.25, 0.03, 0.001, -0.001, 0.0])
+LENS = Lens(MATRIX, DISTORTION, (160, 96))
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +68,7 @@ def true_pixels(side, x_m):
     return CAMERA.road_to_pixels(np.column_stack([x_m, y_m]))
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("side", "colour"), [(1, LEFT_COLOUR), (-1, RIGHT_COLOUR)], ids=["left", "right"]
 )
 def test_the_lines_are_drawn_on_the_paint_of_the_raw_image(image, result, side, colour):
@@ -67,13 +78,15 @@ def test_the_lines_are_drawn_on_the_paint_of_the_raw_image(image, result, side, 
     half_paint_px = 0.07 / x_m * 1150
     for (u, v), half_px in zip(true_pixels(side, x_m), half_paint_px, strict=True):
         columns = np.flatnonzero(is_line[round(v)])
-        assert columns.mean() == pytest.approx(u, abs=half_px)
+        assert columns.mean() == approx(u, abs=half_px)
 
 
 def test_the_lane_is_green_between_the_lines(image, result):
     green = annotate_image(image, result, lens_of(CAMERA)).astype(int) - image
-    between = (true_pixels(1, np.array([10.0])) + true_pixels(-1, np.array([10.0]))) / 2
-    u, v = between[0].round().astype(int)
+    ahead_m = np.array([10.0])
+    left = true_pixels(1, ahead_m)
+    right = true_pixels(-1, ahead_m)
+    u, v = np.mean([left[0], right[0]], axis=0).round().astype(int)
     assert green[v, u, 1] > 10 > green[v, 100, 1]
 
 
@@ -83,7 +96,7 @@ def test_the_words_are_those_of_the_result(result):
     assert offset == f"{result.offset_m:.2f} m left of centre"
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("curvature_per_m", "words"),
     [
         (1 / 640, "bends left, R 640 m"),
@@ -98,7 +111,7 @@ def test_a_bend_in_words(curvature_per_m, words):
     assert describe_bend(curvature_per_m) == words
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("offset_m", "words"),
     [
         (0.123, "0.12 m left of centre"),
@@ -142,7 +155,7 @@ def draw_a_line(image):
     return draw_lines(image, [(0, 0, 50)])
 
 
-every_drawing = pytest.mark.parametrize(
+every_drawing = parametrize(
     "draw", [draw_the_lane, draw_a_window, draw_a_pixel, draw_a_line]
 )
 
@@ -169,9 +182,11 @@ def test_the_lines_go_through_the_lens():
     black = np.zeros((96, 160, 3), np.uint8)
     drawn = draw_lane(black, many[[0, -1]], None, LENS, line_width_px=3)
     rows, columns = np.nonzero(drawn[..., 0] > 120)
-    inside = (paint[:, 1] > rows.min()) & (paint[:, 1] < rows.max())
+    v = paint[:, 1]
+    inside = (v > rows.min()) & (v < rows.max())
     for u, v in paint[inside][::20]:
-        assert columns[rows == round(v)].mean() == pytest.approx(u, abs=1.0)
+        on_row = columns[rows == round(v)]
+        assert on_row.mean() == approx(u, abs=1.0)
 
 
 def test_an_image_of_another_size_than_the_lens_is_refused():
@@ -182,45 +197,56 @@ def test_an_image_of_another_size_than_the_lens_is_refused():
 
 def test_left_is_red_and_right_is_blue(gray):
     drawn = draw_lane(gray, LEFT, RIGHT, line_width_px=4)
-    np.testing.assert_array_equal(drawn[50, 40], LEFT_COLOUR)
-    np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
+    assert_array_equal(drawn[50, 40], LEFT_COLOUR)
+    assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
 
 
 def test_the_area_between_the_lines_is_filled_and_gaps_are_bridged(gray):
     gap = np.insert(LEFT, 1, [np.nan, 50], axis=0)
     filled = draw_lane(gray, gap, RIGHT, line_width_px=0)
     whole = draw_lane(gray, LEFT, RIGHT, line_width_px=0)
-    np.testing.assert_array_equal(filled, whole)
+    assert_array_equal(filled, whole)
     green = 70 + 0.3 * np.array(LANE_COLOUR)
-    np.testing.assert_allclose(filled[50, 80], green, atol=1)
+    assert_allclose(filled[50, 80], green, atol=1)
 
 
 def test_one_line_is_drawn_without_a_lane(gray):
     drawn = draw_lane(gray, None, RIGHT, line_width_px=4)
-    np.testing.assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
-    np.testing.assert_array_equal(drawn[:, :90], gray[:, :90])
+    assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
+    assert_array_equal(drawn[:, :90], gray[:, :90])
 
 
-@pytest.mark.parametrize(
+@parametrize(
     "nothing",
-    [None, np.empty((0, 2)), np.full((5, 2), np.nan), LEFT[:1]],
+    [
+        None,
+        np.empty((0, 2)),
+        np.full((5, 2), np.nan),
+        LEFT[:1],
+    ],
     ids=["none", "empty", "nan", "one point"],
 )
 def test_without_lines_nothing_is_drawn(nothing, gray):
-    np.testing.assert_array_equal(draw_lane(gray, nothing, None), gray)
+    assert_array_equal(draw_lane(gray, nothing, None), gray)
 
 
 def test_windows_are_where_they_are_told(gray):
-    windows = draw_windows(np.zeros((96, 160), np.uint8), [[20, 30, 60, 50]])
+    black = np.zeros((96, 160), np.uint8)
+    windows = draw_windows(black, [[20, 30, 60, 50]])
     # one pixel wide and smooth, so the colour is not quite full
-    np.testing.assert_allclose(windows[30, 40], WINDOW_COLOUR, atol=30)
-    np.testing.assert_allclose(windows[40, 20], WINDOW_COLOUR, atol=30)
+    assert_allclose(windows[30, 40], WINDOW_COLOUR, atol=30)
+    assert_allclose(windows[40, 20], WINDOW_COLOUR, atol=30)
     assert not windows[40, 40].any()
-    np.testing.assert_array_equal(draw_windows(gray, np.empty((0, 4))), gray)
+    assert_array_equal(draw_windows(gray, np.empty((0, 4))), gray)
 
 
 def test_pixels_outside_are_left_out(gray):
-    told = [[5, 7], [-1, 3], [160, 3], [3, 96]]
+    told = [
+        [5, 7],
+        [-1, 3],
+        [160, 3],
+        [3, 96],
+    ]
     drawn = draw_pixels(gray, told, colour=LEFT_COLOUR)
     changed = np.argwhere((drawn != gray).any(axis=2))
     assert changed.tolist() == [[7, 5]]
@@ -230,5 +256,5 @@ def test_lines_of_the_view_are_drawn_where_they_are_and_none_is_left_out():
     """Recipe C's drawing of its RANSAC lines."""
     view = np.zeros((96, 160), np.uint8)
     drawn = draw_lines(view, [(0.0, 0.5, 20.0), None], width_px=3)
-    np.testing.assert_array_equal(drawn[40, 40], RANSAC_COLOUR)
+    assert_array_equal(drawn[40, 40], RANSAC_COLOUR)
     assert not drawn[40, 60:].any()

@@ -6,6 +6,7 @@ from functools import cache
 import cv2
 import numpy as np
 import pytest
+from pytest import approx
 
 from helpers import (
     RECIPES,
@@ -32,9 +33,11 @@ from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, pa
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.project import REAL_DATA, ROOT
 
+parametrize = pytest.mark.parametrize
+
 LENS = lens_of(CAMERA)
 TO_ROAD = image_to_road(CAMERA)
-every_recipe = pytest.mark.parametrize("name", RECIPES)
+every_recipe = parametrize("name", RECIPES)
 
 
 def finder(name, camera=CAMERA):
@@ -76,7 +79,7 @@ EXACT = {
 ROADS = [LEFT_BEND, DASHED, STRAIGHT, TWO_WHITE]
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("name", "road"),
     [
         ("hls_sobel", RIGHT_BEND),
@@ -90,11 +93,11 @@ ROADS = [LEFT_BEND, DASHED, STRAIGHT, TWO_WHITE]
 def test_recipes_measure_the_truth(name, road):
     result = finder(name).find(picture(road))
     curvature, offset_m, width_m = EXACT[name]
-    true_curvature = pytest.approx(road.curvature_per_m, rel=curvature, abs=1e-4)
+    true_curvature = approx(road.curvature_per_m, rel=curvature, abs=1e-4)
     assert result.state == "found"
     assert result.curvature_per_m == true_curvature
-    assert result.offset_m == pytest.approx(road.offset_m, abs=offset_m)
-    assert result.lane_width_m == pytest.approx(LANE_WIDTH_M, abs=width_m)
+    assert result.offset_m == approx(road.offset_m, abs=offset_m)
+    assert result.lane_width_m == approx(LANE_WIDTH_M, abs=width_m)
 
 
 @every_recipe
@@ -104,10 +107,10 @@ def test_one_missing_line_leaves_the_other_and_no_lane(name):
     assert result.right is None and result.right_road is None
     assert result.offset_m is None
     radius_m = 1 / result.left_road.curvature_per_m()
-    assert radius_m == pytest.approx(500 - LANE_WIDTH_M / 2, rel=0.1)
+    assert radius_m == approx(500 - LANE_WIDTH_M / 2, rel=0.1)
 
 
-@pytest.mark.parametrize("name", ["hls_sobel", "equalized_hsv"])
+@parametrize("name", ["hls_sobel", "equalized_hsv"])
 def test_a_line_that_disappears_is_kept(name):
     follow = finder(name)
     states = [follow.follow(picture(road)).state for road in (LEFT_BEND, HALF_LANE)]
@@ -123,9 +126,7 @@ def test_recipe_c_takes_noise_around_a_line_that_disappears_for_it():
     assert mean_distance_px(second.right, first.right, 720) < 5
 
 
-@pytest.mark.parametrize(
-    ("name", "mask"), [("equalized_hsv", "yellow"), ("best_channel", "lab b")]
-)
+@parametrize(("name", "mask"), [("equalized_hsv", "yellow"), ("best_channel", "lab b")])
 def test_yellow_is_yellow_in_video(name, mask):
     """Frames are in RGB order; in BGR order, as in the originals, nothing is yellow."""
     frame = picture(STRAIGHT)
@@ -136,7 +137,8 @@ def test_yellow_is_yellow_in_video(name, mask):
     assert blue < 0.02 * yellow
 
 
-NOISE = np.random.default_rng(0).integers(0, 256, (720, 1280, 3), np.uint8)
+RANDOM = np.random.default_rng(0)
+NOISE = RANDOM.integers(0, 256, (720, 1280, 3), np.uint8)
 HOSTILE = {
     "black": np.zeros_like(NOISE),
     "white": np.full_like(NOISE, 255),
@@ -154,8 +156,8 @@ FALSE_WIDTHS = {
 
 
 @every_recipe
-@pytest.mark.parametrize("kind", HOSTILE)
-@pytest.mark.parametrize("method", ["find", "follow"])
+@parametrize("kind", HOSTILE)
+@parametrize("method", ["find", "follow"])
 def test_an_image_without_a_lane_is_lost_or_too_narrow(name, kind, method):
     """As in a garage. No recipe has a gate for the width of the lane."""
     result = getattr(finder(name), method)(HOSTILE[kind])
@@ -167,15 +169,15 @@ def test_an_image_without_a_lane_is_lost_or_too_narrow(name, kind, method):
 
 
 @every_recipe
-@pytest.mark.parametrize("kind", HOSTILE)
+@parametrize("kind", HOSTILE)
 def test_an_image_without_a_lane_does_not_move_a_known_one_far(name, kind):
     follow = finder(name)
     good = follow.follow(picture(LEFT_BEND))
     result = follow.follow(HOSTILE[kind])
     is_false = (name, kind) in FALSE_WIDTHS
     assert result.state == ("found" if is_false else "kept")
-    assert result.offset_m == pytest.approx(good.offset_m, abs=0.05)
-    assert result.curvature_per_m == pytest.approx(good.curvature_per_m, abs=5e-4)
+    assert result.offset_m == approx(good.offset_m, abs=0.05)
+    assert result.curvature_per_m == approx(good.curvature_per_m, abs=5e-4)
     if kind == "black":
         assert summary(result)[1:] == summary(good)[1:]
 
@@ -226,7 +228,7 @@ def windows_of(result):
     return [len(found.windows) > 0 for found in (result.left_found, result.right_found)]
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("name", "searched"),
     [
         ("hls_sobel", [True, True]),
@@ -257,10 +259,10 @@ def test_recipe_b_measures_the_mean_of_twenty_fits_in_metres():
         found = [result.left_found.fit, result.right_found.fit]
         roads = [follow.place_on_road(fit) for fit in found]
         singles_m.append(lane_result(*roads).offset_m)
-    assert result.offset_m == pytest.approx(np.mean(singles_m), abs=1e-6)
+    assert result.offset_m == approx(np.mean(singles_m), abs=1e-6)
     drawn = [follow.place_on_road(line) for line in (result.left, result.right)]
     last_ten_m = np.mean(singles_m[-10:])
-    assert lane_result(*drawn).offset_m == pytest.approx(last_ten_m, abs=0.002)
+    assert lane_result(*drawn).offset_m == approx(last_ten_m, abs=0.002)
 
 
 def test_recipe_b_measures_a_new_line_alone_after_the_restart():
@@ -271,7 +273,7 @@ def test_recipe_b_measures_a_new_line_alone_after_the_restart():
     assert states[-2:] == ["kept", "lost"]
     again = follow.follow(picture(LaneRoad(0.0, -0.5)))
     assert again.state == "found"
-    assert again.offset_m == pytest.approx(-0.5, abs=0.03)
+    assert again.offset_m == approx(-0.5, abs=0.03)
 
 
 @every_recipe
@@ -305,9 +307,12 @@ BLIND = Thresholds(
 
 
 @every_recipe
-@pytest.mark.parametrize(
+@parametrize(
     ("thresholds", "states"),
-    [("thresholds", ["lost", "found"]), ("video_thresholds", ["found", "lost"])],
+    [
+        ("thresholds", ["lost", "found"]),
+        ("video_thresholds", ["found", "lost"]),
+    ],
 )
 def test_stills_and_drives_have_their_own_thresholds(name, thresholds, states):
     recipe = replace(get_recipe(name), **{thresholds: BLIND})
@@ -324,8 +329,8 @@ def test_half_size_pictures_measure_the_same_road(name):
     curvature = 0.25 if name == "equalized_hsv" else 0.12
     offset_m = 0.05 if name == "equalized_hsv" else 0.02
     assert result.state == "found"
-    assert result.curvature_per_m == pytest.approx(1 / 400, rel=curvature)
-    assert result.offset_m == pytest.approx(0.3, abs=offset_m)
+    assert result.curvature_per_m == approx(1 / 400, rel=curvature)
+    assert result.offset_m == approx(0.3, abs=offset_m)
 
 
 def test_width_and_height_scale_apart():
@@ -346,9 +351,9 @@ def test_measures_need_both_lines_except_the_curvature():
     both = lane_result(left, right)
     one = lane_result(left, None, "lost")
     none = lane_result(None, None, "lost")
-    assert both.curvature_per_m == pytest.approx(0.003)
-    assert both.offset_m == pytest.approx(0.15)
-    assert both.lane_width_m == pytest.approx(3.7)
+    assert both.curvature_per_m == approx(0.003)
+    assert both.offset_m == approx(0.15)
+    assert both.lane_width_m == approx(3.7)
     assert (one.curvature_per_m, one.offset_m, one.lane_width_m) == (0.002, None, None)
     assert (none.curvature_per_m, none.offset_m) == (None, None)
     assert none.lateral_m(np.zeros(1)) is None
@@ -361,12 +366,12 @@ def test_the_telemetry_has_a_column_for_each_measurement():
 
 
 def test_curvature_and_width_are_measured_across_the_lane():
-    assert RoadLine(0.0, 0.75, 0.01).curvature_per_m() == pytest.approx(0.01 / 1.25**3)
+    assert RoadLine(0.0, 0.75, 0.01).curvature_per_m() == approx(0.01 / 1.25**3)
     heading = 0.1
     half_width_m = 1.85 / np.cos(heading)
     left = RoadLine(half_width_m, np.tan(heading), 0.0)
     right = RoadLine(-half_width_m, np.tan(heading), 0.0)
-    assert lane_result(left, right).lane_width_m == pytest.approx(3.7)
+    assert lane_result(left, right).lane_width_m == approx(3.7)
 
 
 def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
@@ -379,7 +384,7 @@ def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
     assert (missed.state, seen.state) == ("kept", "kept")
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("name", "size", "sentence"),
     [
         (
@@ -433,7 +438,7 @@ def test_the_usual_scales_are_wrong_by_what_the_course_says(name):
     offset_share = usual_across_m / across_m - 1
     radius_share = (usual_along_m / along_m) ** 2 / (usual_across_m / across_m)
     errors = (offset_share, 1 - radius_share)
-    assert errors == pytest.approx(SCALE_ERRORS[name], abs=0.002)
+    assert errors == approx(SCALE_ERRORS[name], abs=0.002)
 
 
 def has_real_data():
@@ -448,6 +453,6 @@ def test_recipe_a_gives_its_published_numbers():
     published = LaneFinder(recipe, lens, metres_per_px=USUAL_SCALES)
     result = published.find(read_image(REAL_DATA / "test_images" / "test5.jpg"))
     # the road bends right and the car is right of the centre
-    assert 1 / result.left_road.curvature_per_m() == pytest.approx(-724.0, rel=0.1)
-    assert 1 / result.right_road.curvature_per_m() == pytest.approx(-1613.9, rel=0.1)
-    assert result.offset_m == pytest.approx(-0.170, rel=0.1)
+    assert 1 / result.left_road.curvature_per_m() == approx(-724.0, rel=0.1)
+    assert 1 / result.right_road.curvature_per_m() == approx(-1613.9, rel=0.1)
+    assert result.offset_m == approx(-0.170, rel=0.1)

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+from pytest import approx
 
 from helpers import (
     RoadLine,
@@ -19,10 +21,12 @@ from helpers import (
 )
 from tests.support.classic_lane import USUAL_SCALES
 
+parametrize = pytest.mark.parametrize
+
 ROWS = np.arange(0, 720)
 TO_ROAD = partial(scale_to_road, metres_per_px=USUAL_SCALES, birdseye_size=(1280, 720))
 BENT = (3e-4, -0.2, 300)
-both_fitters = pytest.mark.parametrize("fitter", [fit_line, ransac_line])
+both_fitters = parametrize("fitter", [fit_line, ransac_line])
 
 
 def line_pixels(line, rows=ROWS):
@@ -31,7 +35,9 @@ def line_pixels(line, rows=ROWS):
 
 def noise(size_px, count, seed):
     """Noise along the row."""
-    return np.random.default_rng(seed).normal(0, size_px, (count, 2)) * [1, 0]
+    random = np.random.default_rng(seed)
+    columns = random.normal(0, size_px, count)
+    return np.column_stack([columns, np.zeros(count)])
 
 
 @given(
@@ -44,18 +50,28 @@ def test_the_fit_is_the_parabola_of_least_squares(a, b, c, noise_px):
     pixels = line_pixels((a, b, c)) + noise(noise_px, 720, seed=3)
     least_squares = np.polyfit(pixels[:, 1], pixels[:, 0], 2)
     found = np.polyval(fit_line(pixels), ROWS)
-    np.testing.assert_allclose(found, np.polyval(least_squares, ROWS), atol=1e-6)
+    assert_allclose(found, np.polyval(least_squares, ROWS), atol=1e-6)
 
 
 @both_fitters
-@pytest.mark.parametrize(
+@parametrize(
     "pixels",
     [
         np.empty((0, 2)),
         [[5, 5]],
         [[5, 1], [6, 2]],
-        [[1, 7], [2, 7], [3, 7], [4, 7]],
-        [[1, 0], [2, 9], [3, 9], [4, 0]],
+        [
+            [1, 7],
+            [2, 7],
+            [3, 7],
+            [4, 7],
+        ],
+        [
+            [1, 0],
+            [2, 9],
+            [3, 9],
+            [4, 0],
+        ],
     ],
     ids=["none", "one", "two", "one row", "two rows"],
 )
@@ -72,19 +88,25 @@ def test_a_stub_shorter_than_the_required_span_is_no_line(fitter):
 
 def test_clutter_that_ransac_leaves_out_does_not_make_a_stub_longer():
     stub = line_pixels((0, 0, 300), np.arange(600, 700))
-    clutter = np.column_stack([np.linspace(1000, 1280, 40), np.arange(40)])
+    columns = np.linspace(1000, 1280, 40)
+    clutter = np.column_stack([columns, np.arange(40)])
     pixels = np.vstack([stub, clutter])
     assert ransac_line(pixels, samples=5, residual_px=1, min_span_px=160) is None
 
 
-def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
-    line = np.repeat(line_pixels(BENT), 10, axis=0) + noise(2, 7200, seed=4)
-    # a shadow across the upper view: one wide block on one side
+def bent_line_with_shadow():
+    """Ten pixels a row, and across the upper view one wide block on one side."""
+    line = np.repeat(line_pixels(BENT), 10, axis=0)
+    line = line + noise(2, len(line), seed=4)
     random = np.random.default_rng(4)
     block_u = random.uniform(320, 420, 3000)
     block_v = random.integers(0, 120, 3000)
-    pixels = np.vstack([line, np.column_stack([block_u, block_v])])
+    block = np.column_stack([block_u, block_v])
+    return np.vstack([line, block])
 
+
+def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
+    pixels = bent_line_with_shadow()
     true_columns = np.polyval(BENT, ROWS)
     least_squares = np.polyval(fit_line(pixels), ROWS)
     robust = np.polyval(ransac_line(pixels, samples=12), ROWS)
@@ -94,12 +116,7 @@ def test_ransac_ignores_a_third_of_outliers_that_bend_least_squares():
 
 def test_ransac_with_150_samples_is_nearly_least_squares():
     """Recipe C's number: there is an outlier in every sample."""
-    line = np.repeat(line_pixels(BENT), 10, axis=0) + noise(2, 7200, seed=4)
-    random = np.random.default_rng(4)
-    block_u = random.uniform(320, 420, 3000)
-    block_v = random.integers(0, 120, 3000)
-    pixels = np.vstack([line, np.column_stack([block_u, block_v])])
-
+    pixels = bent_line_with_shadow()
     true_columns = np.polyval(BENT, ROWS)
     errors_px = {}
     for samples in (3, 150):
@@ -122,14 +139,14 @@ def test_the_same_pixels_of_any_type_and_seed_give_the_same_line():
 def test_points_of_a_line_go_from_far_to_near():
     points = line_points(BENT, 720)
     assert points[[0, -1], 1].tolist() == [0, 719]
-    np.testing.assert_allclose(points[:, 0], np.polyval(BENT, points[:, 1]))
+    assert_allclose(points[:, 0], np.polyval(BENT, points[:, 1]))
 
 
 def test_the_distance_of_two_lines_is_a_mean_of_absolute_values():
     """Lines that cross in the middle of the view are apart, although the mean is 0."""
-    assert mean_distance_px((0, 0, 300), (0, 0, 310), 720) == pytest.approx(10)
+    assert mean_distance_px((0, 0, 300), (0, 0, 310), 720) == approx(10)
     crossing = mean_distance_px((0, 0, 300), (0, 1, 300 - 359.5), 720)
-    assert crossing == pytest.approx(180, rel=0.01)
+    assert crossing == approx(180, rel=0.01)
 
 
 def circle_in_view(radius_m, y0_m=0.0):
@@ -144,8 +161,8 @@ def circle_in_view(radius_m, y0_m=0.0):
 def test_a_circle_of_radius_r_measures_r(radius, side, y0):
     line = road_line(fit_line(circle_in_view(side * radius, y0)), TO_ROAD, 720)
     # a parabola through 30 m of a circle of 200 m is off by 1 %
-    assert 1 / line.curvature_per_m() == pytest.approx(side * radius, rel=0.012)
-    assert line.c0_m == pytest.approx(y0, abs=0.01)
+    assert 1 / line.curvature_per_m() == approx(side * radius, rel=0.012)
+    assert line.c0_m == approx(y0, abs=0.01)
 
 
 @given(st.floats(50, 2500), st.sampled_from([-1, 1]))
@@ -153,18 +170,27 @@ def test_three_points_of_a_circle_measure_its_radius(radius, side):
     """Recipe C's rows are 719, 359 and 0."""
     points_m = TO_ROAD(circle_in_view(side * radius)[[0, 359, 719]])
     curvature = circle_curvature_per_m(points_m)
-    assert 1 / curvature == pytest.approx(side * radius, rel=1e-6)
+    assert 1 / curvature == approx(side * radius, rel=1e-6)
 
 
 def test_three_points_of_a_straight_line_have_no_curvature():
-    assert circle_curvature_per_m([(30, 1), (15, 1), (0, 1)]) == 0
+    assert (
+        circle_curvature_per_m(
+            [
+                (30, 1),
+                (15, 1),
+                (0, 1),
+            ]
+        )
+        == 0
+    )
 
 
 def test_curvature_is_measured_where_it_is_asked_for():
     """Recipe B measures at the far end, where a parabola is flatter than a circle."""
     line = RoadLine(0.0, 0.0, 0.02)
-    assert line.curvature_per_m() == pytest.approx(0.02)
-    assert line.curvature_per_m(x_m=30.0) == pytest.approx(0.02 / 1.36**1.5)
+    assert line.curvature_per_m() == approx(0.02)
+    assert line.curvature_per_m(x_m=30.0) == approx(0.02 / 1.36**1.5)
 
 
 def test_points_above_the_horizon_are_left_out():
@@ -178,6 +204,6 @@ def test_points_above_the_horizon_are_left_out():
 
     fit = fit_line(circle_in_view(400))
     measured = road_line(fit, half_sky, 720).c2_per_m
-    assert measured == pytest.approx(1 / 400, rel=0.02)
+    assert measured == approx(1 / 400, rel=0.02)
     assert road_line(fit, all_sky, 720) is None
     assert road_line(fit, TO_ROAD, 1) is None

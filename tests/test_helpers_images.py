@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from helpers import (
     RECIPES,
@@ -14,6 +15,8 @@ from helpers import (
 )
 from tests.support.classic_lane import lens_of, start_finder
 from tests.support.painted_drive import SMALL, tracked_bends
+
+parametrize = pytest.mark.parametrize
 
 LINE_PX = np.array([[60.0, 20.0], [20.0, 80.0]])
 
@@ -46,7 +49,7 @@ def take_lane(image, _):
     return start_finder("best_channel", SMALL).find(image).warped_binary
 
 
-every_function = pytest.mark.parametrize(
+every_function = parametrize(
     "function",
     [
         take_channel,
@@ -69,17 +72,17 @@ def transposed(image):
 
 
 @every_function
-@pytest.mark.parametrize("view", [np.copy, bgr_reversed, transposed])
+@parametrize("view", [np.copy, bgr_reversed, transposed])
 def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
     image = tracked_bends()[0]
     viewed = view(image)
     viewed.flags.writeable = False
     result = function(viewed, tmp_path)
-    np.testing.assert_array_equal(result, function(image, tmp_path))
-    np.testing.assert_array_equal(viewed, image)
+    assert_array_equal(result, function(image, tmp_path))
+    assert_array_equal(viewed, image)
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("wrong", "sentence"),
     [
         (
@@ -93,7 +96,7 @@ def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
     ],
     ids=["rgba", "float", "empty", "list", "none"],
 )
-@pytest.mark.parametrize(
+@parametrize(
     "function", [take_channel, take_mask, take_flat, take_drawing, take_file, take_lane]
 )
 def test_other_arrays_are_refused(function, wrong, sentence, tmp_path):
@@ -102,7 +105,7 @@ def test_other_arrays_are_refused(function, wrong, sentence, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("function", [take_channel, take_mask, take_flat, take_file])
+@parametrize("function", [take_channel, take_mask, take_flat, take_file])
 def test_a_gray_image_is_refused_where_colour_is_needed(function, tmp_path):
     gray = np.zeros((360, 640), np.uint8)
     with pytest.raises(ValueError, match=r"got shape \(360, 640\), dtype uint8"):

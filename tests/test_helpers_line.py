@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
+from pytest import approx
 
 from helpers import get_recipe
+
+parametrize = pytest.mark.parametrize
 
 A = get_recipe("hls_sobel").left_line
 B = get_recipe("equalized_hsv").left_line
@@ -27,31 +31,36 @@ def column(line):
     return line.mean()[2]
 
 
-@pytest.mark.parametrize(("rules", "length"), [(A, 5), (B, 10), (C_LEFT, 30)])
+@parametrize(
+    ("rules", "length"),
+    [
+        (A, 5),
+        (B, 10),
+        (C_LEFT, 30),
+    ],
+)
 def test_the_mean_is_over_the_last_fits(rules, length):
     """Not the newest alone, as in A and C, whose lists were filled anew."""
     shown = 100 + 40 * np.random.default_rng(0).random(length + 17)
     line = remember(rules, shown.tolist())
     assert line.state == "found" and len(line.fits) == length
-    assert column(line) == pytest.approx(shown[-length:].mean())
-    assert column(line) != pytest.approx(shown[-1], abs=0.1)
+    assert column(line) == approx(shown[-length:].mean())
+    assert column(line) != approx(shown[-1], abs=0.1)
 
 
-@pytest.mark.parametrize("rules", [A, B, C_LEFT], ids="ABC")
+@parametrize("rules", [A, B, C_LEFT], ids="ABC")
 def test_without_fits_there_is_no_line(rules):
     line = rules.fresh()
     assert line.update(None) is None
     assert (line.state, line.search_near()) == ("lost", None)
-    np.testing.assert_array_equal(line.update(fit(100)), fit(100))
+    assert_array_equal(line.update(fit(100)), fit(100))
 
 
-@pytest.mark.parametrize(
-    "wrong", [fit(201), fit(100, a=0.0011)], ids=["jumped", "bent"]
-)
+@parametrize("wrong", [fit(201), fit(100, a=0.0011)], ids=["jumped", "bent"])
 def test_recipe_a_refuses_a_fit_far_from_the_mean(wrong):
     line = remember(A, [100, wrong])
     assert (line.state, line.missed) == ("kept", 1)
-    np.testing.assert_array_equal(line.mean(), fit(100))
+    assert_array_equal(line.mean(), fit(100))
     assert line.search_near() is None
 
 
@@ -79,7 +88,7 @@ def test_recipe_b_repeats_its_last_fit():
     line = remember(B, [100, 160])
     line.update(None)
     assert (line.state, line.missed) == ("kept", 1)
-    assert column(line) == pytest.approx((100 + 160 + 160) / 3)
+    assert column(line) == approx((100 + 160 + 160) / 3)
 
 
 def test_recipe_b_searches_around_its_last_fit_and_a_around_the_mean():
@@ -92,12 +101,12 @@ def test_recipe_b_accepts_everything():
     assert line.state == "found"
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("rules", "weight"), [(C_LEFT, 0.05), (C_RIGHT, 0.15)], ids=["left", "right"]
 )
 def test_recipe_c_averages_a_doubtful_fit_in_but_searches_with_windows(rules, weight):
     line = remember(rules, [100, 200])
-    assert line.fits[-1][2] == pytest.approx(100 + weight * 100)
+    assert line.fits[-1][2] == approx(100 + weight * 100)
     assert (line.state, line.missed) == ("kept", 1)
     assert line.search_near() is None
     line.update(fit(110))
@@ -105,9 +114,14 @@ def test_recipe_c_averages_a_doubtful_fit_in_but_searches_with_windows(rules, we
     assert line.search_near() is not None
 
 
-@pytest.mark.parametrize("rules", [C_LEFT, C_RIGHT], ids=["left", "right"])
-@pytest.mark.parametrize(
-    ("new", "fits"), [(fit(149), 2), (fit(251), 1), (fit(100, a=6e-5), 2)]
+@parametrize("rules", [C_LEFT, C_RIGHT], ids=["left", "right"])
+@parametrize(
+    ("new", "fits"),
+    [
+        (fit(149), 2),
+        (fit(251), 1),
+        (fit(100, a=6e-5), 2),
+    ],
 )
 def test_recipe_c_refuses_bad_fits_only(rules, new, fits):
     assert len(remember(rules, [100, new]).fits) == fits
@@ -119,9 +133,7 @@ def test_recipe_c_has_a_wider_gate_for_bends_on_the_right():
     assert len(remember(C_RIGHT, [100, bent]).fits) == 2
 
 
-@pytest.mark.parametrize(
-    "rules", [A, B, C_LEFT, C_RIGHT], ids=["A", "B", "C", "C right"]
-)
+@parametrize("rules", [A, B, C_LEFT, C_RIGHT], ids=["A", "B", "C", "C right"])
 def test_a_line_missed_too_often_begins_again(rules):
     """Our restart: a wrong line must not persist."""
     line = remember(rules, [100] + [None] * rules.max_missed)
@@ -140,7 +152,7 @@ def test_a_fit_in_between_starts_the_count_again():
 def test_limits_are_scaled_with_the_image_and_fits_are_not_copied():
     line = remember(A, [100])
     small = line.fresh(0.5, 0.25)
-    assert small.accept == pytest.approx([0.008, 2.0, 50])
+    assert small.accept == approx([0.008, 2.0, 50])
     assert small.fits == [] and small.state == "lost"
     # the recipe's own line was not used
     assert A.fits == []

@@ -5,9 +5,12 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from helpers import RECIPES, Levels, Thresholds, colour_channel
 from tests.support.painted_roads import WHITE, YELLOW
+
+parametrize = pytest.mark.parametrize
 
 GRAY = (105, 105, 105)
 A = RECIPES["hls_sobel"].thresholds
@@ -32,7 +35,7 @@ def mask(image, *levels, **settings):
     return thresholds.masks(image)["combined"]
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("space", "red"),
     [
         ("RGB", (255, 0, 0)),
@@ -53,11 +56,25 @@ def test_gray_of_red_is_its_share_of_brightness():
 
 
 def test_ranges_include_both_ends():
-    row = np.repeat(np.array([[[9], [10], [20], [21]]], np.uint8), 3, axis=2)
+    row = np.repeat(
+        np.array(
+            [
+                [
+                    [9],
+                    [10],
+                    [20],
+                    [21],
+                ]
+            ],
+            np.uint8,
+        ),
+        3,
+        axis=2,
+    )
     assert mask(row, Levels("gray", 10, 20)).tolist() == [[0, 255, 255, 0]]
 
 
-@pytest.mark.parametrize("name", ["CMYK K", "HLS V", "HLS", "HLS HL", "grey"])
+@parametrize("name", ["CMYK K", "HLS V", "HLS", "HLS HL", "grey"])
 def test_unknown_channels_are_named(name):
     with pytest.raises(ValueError, match=f"channel '{name}' is not known; use gray"):
         colour_channel(plain(GRAY), name)
@@ -68,7 +85,7 @@ def test_an_unknown_kind_of_threshold_is_named():
         mask(step(0, 9), Levels("gray", 1, 2, "gradient"))
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("colour", "yellow", "saturated"),
     [
         (YELLOW, True, True),
@@ -83,7 +100,7 @@ def test_yellow_needs_rgb_order_and_saturation_needs_light(colour, yellow, satur
     assert A.masks(plain(colour))["saturation"].all() == saturated
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("name", "channel", "low", "high"),
     [
         ("red", "RGB R", 210, 255),
@@ -96,14 +113,21 @@ def test_recipe_c_excludes_the_lower_end_of_a_range(name, channel, low, high):
     assert (levels.channel, levels.low, levels.high) == (channel, low + 1, high)
 
 
-@pytest.mark.parametrize(("red", "kept"), [(210, False), (211, True), (255, True)])
+@parametrize(
+    ("red", "kept"),
+    [
+        (210, False),
+        (211, True),
+        (255, True),
+    ],
+)
 def test_a_red_of_210_is_not_above_210(red, kept):
     image = plain((red, 0, 0), size=(100, 90))
     assert C.masks(image)["red"][80, 50] == 255 * kept
 
 
-@pytest.mark.parametrize("kernel", [3, 5, 9])
-@pytest.mark.parametrize(("low", "seen"), [(59.9, True), (60.1, False)])
+@parametrize("kernel", [3, 5, 9])
+@parametrize(("low", "seen"), [(59.9, True), (60.1, False)])
 def test_a_sharp_edge_answers_its_own_height_whatever_the_kernel(kernel, low, seen):
     levels = Levels("gray", low, 255, "gradient x", kernel=kernel)
     assert mask(step(50, 110), levels).any() == seen
@@ -119,7 +143,7 @@ STRONG = Levels("gray", 60, 255, "magnitude")
 DIRECTION = Levels("gray", 0.7, 1.2, "direction")
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("image", "levels", "seen"),
     [
         (UPRIGHT, [Levels("gray", 20, 255, "gradient x")], True),
@@ -142,8 +166,13 @@ def test_gradients_have_a_direction_and_a_range(image, levels, seen):
     assert mask(image, *levels).any() == seen
 
 
-@pytest.mark.parametrize(
-    ("image", "seen"), [(SLANTED, True), (UPRIGHT, False), (LYING, False)]
+@parametrize(
+    ("image", "seen"),
+    [
+        (SLANTED, True),
+        (UPRIGHT, False),
+        (LYING, False),
+    ],
 )
 def test_slanted_edges_of_a_binary_are_kept(image, seen):
     assert mask(image, Levels("gray", 100, 255, edges_rad=(0.7, 1.2))).any() == seen
@@ -157,7 +186,7 @@ def test_slanted_edges_are_those_of_the_binary_and_not_of_the_gray_image():
     assert not mask(within, levels._replace(edges_rad=(0.7, 1.2))).any()
 
 
-@pytest.mark.parametrize("name", ["hue", "lab b"])
+@parametrize("name", ["hue", "lab b"])
 def test_recipe_c_keeps_the_slanted_edges_of_hue_and_lab_b(name):
     """A yellow patch with one slanted edge: its inside and its upright edge are not."""
     image = plain(GRAY, size=(300, 300))
@@ -172,21 +201,36 @@ def test_recipe_c_keeps_the_slanted_edges_of_hue_and_lab_b(name):
 
 def test_region_is_given_in_fractions():
     white = plain((255, 255, 255), (200, 100))
-    lower_half = ((0, 1), (0, 0.5), (1, 0.5), (1, 1))
+    lower_half = (
+        (0, 1),
+        (0, 0.5),
+        (1, 0.5),
+        (1, 1),
+    )
     inside = mask(white, Levels("gray", 0, 255), region=lower_half)
     assert not inside[:49].any() and inside[51:].all()
 
 
 def test_closing_fills_narrow_gaps():
     image = plain((0, 0, 0), (60, 20))
-    for left, right in ((10, 20), (23, 30), (45, 50)):
+    for left, right in (
+        (10, 20),
+        (23, 30),
+        (45, 50),
+    ):
         image[:, left:right] = 255
     closed = mask(image, Levels("gray", 255, 255), close_px=5)
-    assert closed[10, 10:30].all() and not closed[10, 31:44].any()
+    assert closed[10, 10:30].all()
+    assert not closed[10, 31:44].any()
 
 
-@pytest.mark.parametrize(
-    ("factor", "kernel", "close_px"), [(0.5, 5, 3), (0.01, 3, 1), (9.0, 31, 45)]
+@parametrize(
+    ("factor", "kernel", "close_px"),
+    [
+        (0.5, 5, 3),
+        (0.01, 3, 1),
+        (9.0, 31, 45),
+    ],
 )
 def test_wide_kernels_scale_to_odd_sizes_that_exist(factor, kernel, close_px):
     scaled = B.scaled(factor)
@@ -200,7 +244,7 @@ def test_the_finest_kernel_and_all_levels_stay():
         whole = thresholds.masks(image)
         scaled = thresholds.scaled(2.0).masks(image)
         for name, binary in whole.items():
-            np.testing.assert_array_equal(binary, scaled[name])
+            assert_array_equal(binary, scaled[name])
 
 
 def test_recipe_c_has_the_binaries_in_its_authors_order():

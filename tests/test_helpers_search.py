@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from helpers import (
     band_pixels,
@@ -10,6 +11,8 @@ from helpers import (
     lane_histogram,
     sliding_windows,
 )
+
+parametrize = pytest.mark.parametrize
 
 
 def paint_view(*lines, first_row=0):
@@ -42,12 +45,21 @@ def test_histogram_counts_the_lower_half_or_the_rows_asked_for():
     assert lane_histogram(binary, (0, 3)).tolist() == [0, 0, 3, 0, 3, 0]
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("histogram", "peaks"),
     [
-        ([0, 5, 1, 0, 2, 9], (1, 5)),
-        ([4, 4, 0, 0, 4, 4], (1, 4)),
-        ([0, 0, 0, 0, 3, 0], (None, 4)),
+        (
+            [0, 5, 1, 0, 2, 9],
+            (1, 5),
+        ),
+        (
+            [4, 4, 0, 0, 4, 4],
+            (1, 4),
+        ),
+        (
+            [0, 0, 0, 0, 3, 0],
+            (None, 4),
+        ),
         ([7, 0, 0, 0], (0, None)),
         ([0], (None, None)),
         ([3], (None, 0)),
@@ -64,19 +76,26 @@ def test_windows_slide_along_a_slanted_and_a_bent_line():
         rows = [[640 - 80 * k, 719 - 80 * k] for k in range(9)]
         assert windows[:, 1::2].tolist() == rows
     for pixels, line in zip(found.pixels, (slanted, bent), strict=True):
-        assert np.abs(pixels[:, 0] - line(pixels[:, 1])).max() < 9
+        u, v = pixels.T
+        assert np.abs(u - line(v)).max() < 9
         assert len(pixels) > 0.97 * 15 * 720
     left, _, right, _ = found.windows[0][-1]
     assert abs((left + right) / 2 - slanted(80)) < 40
 
 
-@pytest.mark.parametrize(("enough", "left_edge"), [(50, 300 - 80), (39, 364.5 - 80)])
+@parametrize(
+    ("enough", "left_edge"),
+    [
+        (50, 300 - 80),
+        (39, 364.5 - 80),
+    ],
+)
 def test_few_pixels_do_not_move_a_window(enough, left_edge):
     """40 pixels at the edge of the second window."""
     binary = paint_view(upright, first_row=640)
     binary[600:604, 360:370] = 255
     found = sliding_windows(binary, margin_px=80, recentre_pixels=enough)
-    assert found.windows[0][2][0] == pytest.approx(left_edge, abs=1)
+    assert found.windows[0][2][0] == approx(left_edge, abs=1)
 
 
 def test_more_pixels_than_the_number_are_needed_to_move_a_window():
@@ -86,8 +105,8 @@ def test_more_pixels_than_the_number_are_needed_to_move_a_window():
     still = sliding_windows(binary, recentre_pixels=50).windows[0]
     binary[605, 360] = 255
     moved = sliding_windows(binary, recentre_pixels=50).windows[0]
-    assert still[2][0] == pytest.approx(220, abs=1)
-    assert moved[2][0] == pytest.approx(284, abs=2)
+    assert still[2][0] == approx(220, abs=1)
+    assert moved[2][0] == approx(284, abs=2)
 
 
 def test_the_pixels_of_a_flooded_window_are_dropped():
@@ -108,7 +127,8 @@ def test_the_window_above_a_flooded_one_is_recentred_all_the_same():
     found = sliding_windows(binary, margin_px=75, flood_pixels=5000)
     kept = sliding_windows(binary, margin_px=75)
     assert found.windows[0].tolist() == kept.windows[0].tolist()
-    assert found.windows[0][7][0] > found.windows[0][6][0] + 20
+    left_edges = found.windows[0][:, 0]
+    assert left_edges[7] > left_edges[6] + 20
 
 
 def test_band_takes_the_pixels_beside_the_known_line_only():
@@ -118,6 +138,7 @@ def test_band_takes_the_pixels_beside_the_known_line_only():
     assert len(band_pixels(pixels, known, 10)) == 15 * 720
     assert band_pixels(pixels[:0], known, 10).shape == (0, 2)
     narrow = band_pixels(pixels, known, 3.1)
-    everything = np.argwhere(binary)[:, ::-1]
-    near = np.abs(everything[:, 0] - slanted(everything[:, 1])) <= 3.1
-    assert narrow.tolist() == everything[near].tolist()
+    v, u = np.nonzero(binary)
+    near = np.abs(u - slanted(v)) <= 3.1
+    expected = np.column_stack([u[near], v[near]])
+    assert narrow.tolist() == expected.tolist()

@@ -4,12 +4,15 @@ import csv
 
 import numpy as np
 import pytest
+from pytest import approx
 
 from helpers import process_video, read_video
 from lanes.video.reader import inspect_video
 from lanes.video.reader import read_video as read_video_by_lanes
 from tests.support.clips import encode
 from tests.support.project import names
+
+parametrize = pytest.mark.parametrize
 
 COUNT = 30
 
@@ -44,7 +47,7 @@ def test_frames_are_those_of_lanes_and_may_be_changed(clip):
         frame[:] = 0
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("start_s", "end_s", "expected"),
     [
         (0.4, 0.8, range(10, 20)),
@@ -60,7 +63,7 @@ def test_a_part_is_read_from_its_start_to_before_its_end(
     assert numbers_in(clip, start_s=start_s, end_s=end_s) == list(expected)
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("start_s", "end_s", "sentence"),
     [
         (2.0, None, "has no frame at 2.0 s"),
@@ -112,13 +115,13 @@ def test_every_frame_is_processed_once_and_written_once(clip, tmp_path):
     assert names(target.parent) == {"dark.mp4"}
 
 
-@pytest.mark.parametrize("start_s", [0.0, 0.4])
+@parametrize("start_s", [0.0, 0.4])
 def test_rate_and_sound_are_those_of_the_source(clip, tmp_path, start_s):
     target = tmp_path / "copy.mp4"
     count = process_video(clip, target, np.copy, start_s=start_s)
     info = inspect_video(target)
     assert (info.frames, info.fps, info.has_audio) == (count, 25, True)
-    assert info.duration_s == pytest.approx(count / 25, abs=0.03)
+    assert info.duration_s == approx(count / 25, abs=0.03)
 
 
 def test_a_source_without_sound_gives_a_video_without_sound(tmp_path):
@@ -149,7 +152,7 @@ def test_telemetry_has_a_row_for_each_frame(clip, tmp_path):
     assert [int(row["frame"]) for row in rows] == list(range(10, 30))
     assert rows[1]["time_s"] == "0.44" and rows[0]["state"] == "found"
     assert rows[2]["offset_m"] == ""
-    assert float(rows[3]["offset_m"]) == pytest.approx(13 / 7, rel=1e-8)
+    assert float(rows[3]["offset_m"]) == approx(13 / 7, rel=1e-8)
 
 
 def stop_at_ten(frame):
@@ -177,7 +180,7 @@ def return_two_sizes(frame):
     return frame if number_of(frame) < 5 else frame[:20].copy()
 
 
-@pytest.mark.parametrize(
+@parametrize(
     ("function", "sentence"),
     [
         (return_floats, "expected an RGB image .* float64"),
