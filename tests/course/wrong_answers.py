@@ -8,7 +8,7 @@ from __future__ import annotations
 
 WrongAnswer = tuple[str, *tuple[str | tuple[str, str], ...]]
 
-DIVISION = "(x_d - tangential_x) / radial, (y_d - tangential_y) / radial"
+RETURNED = "return f_x * x + c_x, f_y * y + c_y"
 MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
 WIDTH = "(right - left) * pose_across_m"
 STEP_IN_GAP = "\n        column += step", "\n            column += step"
@@ -23,17 +23,38 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("is a mean of the distances", (".max()", ".mean()")),
         ("is rounded", (".max()", ".max().round()")),
         ("one number is needed", (".max()", "")),
+        ("is negative", ("best_ruler_px = ", "best_ruler_px = -")),
+        ("is text", 'best_ruler_px = "11.7"'),
     ],
     "2.1": [
-        ("OpenCV's tutorial", ("np.sqrt(np.mean(distances_px**2))", "np.linalg.norm(distances_px) / 54")),
-        ("Each board has its own", "board_errors_px = [lens_rms_px] * len(image_points)"),
-        ("root of the mean of the squared", ("np.sqrt(np.mean(distances_px**2))", "distances_px.mean()")),
+        (
+            "OpenCV's tutorial",
+            ("np.sqrt(np.mean(distances_px**2))", "np.linalg.norm(distances_px) / 54"),
+        ),
+        (
+            "Each board has its own",
+            "board_errors_px = [rms_px] * len(seen_corners)",
+        ),
+        (
+            "root of the mean of the squared",
+            ("np.sqrt(np.mean(distances_px**2))", "distances_px.mean()"),
+        ),
+        (
+            "is text",
+            ("np.sqrt(np.mean(distances_px**2))", "str(distances_px.mean())"),
+        ),
+        ("one for each board", 'board_errors_px = "0.1"'),
     ],
     "3.1": [
         ("Repeat until it no longer moves", ("range(20)", "range(3)")),
         ("p1 and p2 are exchanged", ("k1, k2, p1, p2, k3", "k1, k2, p2, p1, k3")),
-        ("the wrong way", (DIVISION, DIVISION.replace("/", "*"))),
-        ("the principal point must stay", ("return f_x * x + c_x, f_y * y + c_y", "return x, y")),
+        (
+            "the wrong way",
+            ("(x_d - tangential_x) / radial", "(x_d - tangential_x) * radial"),
+            ("(y_d - tangential_y) / radial", "(y_d - tangential_y) * radial"),
+        ),
+        ("the principal point must stay", (RETURNED, "return x, y")),
+        ("is not a number", (RETURNED, "return np.sqrt(-r2 - 1), np.nan")),
     ],
     "4.1": [
         ("becomes narrower with the distance", "my_source_px = source_px"),
