@@ -107,6 +107,8 @@ def complete_file(path: Path) -> Iterator[Path]:
     """Another name to write a file under; it is renamed if the block succeeds."""
     partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
     try:
+        # a folder that cannot be written to is reported before the work
+        partial_path.touch()
         yield partial_path
         os.replace(partial_path, path)
     finally:

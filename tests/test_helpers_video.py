@@ -193,6 +193,12 @@ def test_a_function_that_returns_no_frame_is_told(clip, tmp_path, function, sent
     assert names(tmp_path) == set()
 
 
+def test_a_folder_that_cannot_be_written_is_reported_before_the_work(clip, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match="file"):
+        process_video(clip, tmp_path / "file" / "a.mp4", stop_at_ten)
+
+
 def test_the_source_is_not_overwritten(clip, tmp_path):
     with pytest.raises(ValueError, match="is the source itself"):
         process_video(clip, clip, np.copy)
