@@ -108,7 +108,7 @@ def draw_search(binary: np.ndarray, search: WindowSearch) -> np.ndarray:
 def draw_bands(
     binary: np.ndarray, search: WindowSearch, margin_px: float
 ) -> np.ndarray:
-    """The curve through the pixels of each line, the band around it, its pixels; RGB."""
+    """The curve of each line, the band around it, and the pixels in it; RGB."""
     drawn = binary // 3
     to_border = np.array([0, 0, margin_px])
     every_pixel = binary_pixels(binary)
