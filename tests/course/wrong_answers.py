@@ -104,7 +104,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("left line is on the right", (WIDTHS, "np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6)")),
         ("not parallel", (WIDTHS, "abs(widths_m[0] - 3.7) < 0.6"), (PARALLEL, "")),
         ("50 m radius", (SHARPEST, "")),
-        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.66) < 0.08"), ("< 0.002", "< 0.0003")),
+        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.6) < 0.1"), ("< 0.002", "< 0.00035")),
         (
             "believe",
             (WIDTHS, "np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1"),
