@@ -16,6 +16,15 @@ WIDTHS = "np.all(np.abs(widths_m - 3.7) < 0.6)"
 PARALLEL = "\n        and abs(left_curvature - right_curvature) < 0.002"
 SHARPEST = "\n        and max(abs(left_curvature), abs(right_curvature)) < 1 / 300"
 HALF = "np.where(left, width_m / 2, -width_m / 2)"
+GATE = """\
+def correct_gated(state, P, z, R, H):
+    innovation = z - H @ state
+    S = H @ P @ H.T + R
+    if innovation @ np.linalg.solve(S, innovation) > 11.3:
+        return state, P
+    K = P @ H.T @ np.linalg.inv(S)
+    return state + K @ innovation, P - K @ H @ P
+"""
 GRADIENT = "cells.T @ too_large / len(cells), too_large.mean()"
 
 WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
@@ -130,7 +139,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
             ("np.maximum(np.roll(road, reach), np.roll(road, -reach))", "np.roll(road, reach)"),
         ),
         ("take no absolute value", ("return (centre", "return np.abs(centre")),
-        ("divide by 1 + n", (" / noise", "")),
+        ("divide by 1 + n", (" / (1 + noise)", "")),
         ("Check gap", ("width // 2 + 3", "width // 2 + 2")),
     ],
     "11.1": [
@@ -147,11 +156,11 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("too sure", "q_factor = 0.01"),
     ],
     "12.2": [
-        ("H is not square", ("H @ P @ H.T + R", "H @ P @ H + R")),
-        ("P is not updated", ("P - K @ H @ P", "P")),
-        ("not its root", ("> 11.3", "> 11.3**2")),
-        ("the diagonal of S", ("solve(S, innovation)", "solve(np.diag(np.diag(S)), innovation)")),
-        ("None is returned", ("return state, P\n", "return None\n")),
+        ("H is not square", GATE.replace("H.T + R", "H + R")),
+        ("P is not updated", GATE.replace("P - K @ H @ P", "P")),
+        ("not its root", GATE.replace("> 11.3", "> 11.3**2")),
+        ("the diagonal of S", GATE.replace("solve(S", "solve(np.diag(np.diag(S))")),
+        ("None is returned", GATE.replace("return state, P\n", "return None\n")),
     ],
     "13.1": [
         ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((15, 4))"),
@@ -159,8 +168,8 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
     ],
     "14.1": [
         ("the other way round", ("-confidence", "confidence")),
-        ("first falls below", ("enough[-1] + 1", "np.flatnonzero(share < least)[0]")),
-        ("return 0, not 1.0", ("else 0", "else 1.0")),
+        ("first falls below", ("count[enough[-1]]", "np.flatnonzero(share < least)[0]")),
+        ("return 0, not 1.0", ("return 0", "return 1.0")),
     ],
     "15.1": [
         ("find_lane is the engine", "honest_finder = lambda image, camera: lanes.find_lane(image, camera)"),
