@@ -6,7 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from course.exercises import chapters_01_04, chapters_05_08, chapters_09_12, chapters_13_16
+from course.exercises import (
+    chapters_01_04,
+    chapters_05_06,
+    chapters_07_08,
+    chapters_09_12,
+    chapters_13_16,
+)
 from course.exercises.hints import HintError, require, tried
 
 # The checks by exercise: each takes the answer, and by name what the exercise gives it. It returns a sentence with the
@@ -16,12 +22,13 @@ CHECKS: dict[str, Callable[..., str]] = {
     "2.1": chapters_01_04.check_board_errors,
     "3.1": chapters_01_04.check_undistort_pixel,
     "4.1": chapters_01_04.check_four_points,
-    "5.1": chapters_05_08.check_paint_mask,
-    "6.1": chapters_05_08.check_lane_width,
-    "6.2": chapters_05_08.check_coasting,
-    "7.1": chapters_05_08.check_ransac_choice,
-    "8.1": chapters_05_08.check_bar,
-    "8.2": chapters_05_08.check_sanity,
+    "5.1": chapters_05_06.check_paint_mask,
+    "6.1": chapters_05_06.check_lane_width,
+    "6.2": chapters_05_06.check_coasting,
+    "7.1": chapters_07_08.check_ransac_choice,
+    "8.1": chapters_07_08.check_bar,
+    "8.2": chapters_07_08.check_sanity,
+    "8.3": chapters_07_08.check_own_road,
     "9.1": chapters_09_12.check_pitch_error,
     "10.1": chapters_09_12.check_stripe_response,
     "11.1": chapters_09_12.check_known_width,

@@ -22,15 +22,21 @@ def require(fulfilled: object, sentence: str) -> None:
 
 
 def tried(answer: Answer | None) -> Answer:
-    """The answer; the starter of an exercise is None, or a function that returns None."""
+    """The answer; the starter is None, or a function that returns None."""
     if answer is None:
         raise HintError("not tried yet.")
     return answer
 
 
 def require_shape(answer: Any, shape: tuple[int, ...], what: str) -> Any:
-    """The answer as an array of this shape, or as a number if that is (); `what` is the sentence for another shape."""
-    require(np.shape(answer) == shape, f"{what}; yours has the shape {np.shape(answer)}.")
+    """The answer as an array of this shape, or as a number if that is ().
+
+    `what` is the sentence for another shape, and for text instead of numbers.
+    """
+    has_shape = np.shape(answer) == shape
+    require(has_shape, f"{what}; yours has the shape {np.shape(answer)}.")
+    is_text = np.asarray(answer).dtype.kind in "SU"
+    require(not is_text, f"{what}; yours is text: remove the quotes.")
     return np.asarray(answer, float)[()]
 
 
@@ -46,10 +52,12 @@ def require_equal(
 ) -> None:
     """Raise a `HintError` unless the numbers found are the true ones.
 
-    It is the sentence of the mistake that leads to the numbers found, else `otherwise`, after the words `said`.
+    It is the sentence of the mistake that leads to the numbers found, else `otherwise`,
+    after the words `said`.
     """
     for sentence, numbers in {"": true, **mistakes}.items():
-        if np.shape(found) == np.shape(numbers) and np.isclose(found, numbers, rtol, atol).all():
+        same_shape = np.shape(found) == np.shape(numbers)
+        if same_shape and np.isclose(found, numbers, rtol, atol).all():
             require(not sentence, said + sentence)
             return
     raise HintError(said + otherwise)

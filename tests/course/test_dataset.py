@@ -65,7 +65,7 @@ def test_a_damaged_truth_file_is_named(folder, text):
     (folder / "test_images" / "truth.json").write_text(text)
     data = open_dataset(folder)
     for ask in (data.true_camera, lambda: data.true_lane(data.still("test2"))):
-        with pytest.raises(DatasetError, match=r"truth\.json: is not a truth file of pictures"):
+        with pytest.raises(DatasetError, match=r"truth\.json: is not a truth file of images"):
             ask()
 
 
