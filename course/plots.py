@@ -223,8 +223,10 @@ def show_progress(
         drawn = draw_lane(image, left_px, right_px)
         images.append(crop_to_road(drawn))
         title = name
+        error_px = None
         if truth is not None:
             error_px = mean_error_px(lines_px, truth, lens)
+        if error_px is not None:
             title = f"{name}: {error_px:.0f} px off"
         titles.append(title)
     return show_pictures(images, titles, columns=3, width_in=15)
@@ -263,26 +265,30 @@ def draw_directions(image: np.ndarray, lens: Lens) -> np.ndarray:
 
 def mean_error_px(
     lines_px: Sequence[np.ndarray], truth: LaneColumns, lens: Lens | None = None
-) -> float:
+) -> float | None:
     """Mean distance along the row of two lines (N, 2) from their true columns, pixels.
 
+    None if no true point lies in the measured rows.
     The lines are those of the undistorted image if a `lens` is given, else of the raw
     one.
     """
     first_row, last_row = MEASURED_ROWS
+    is_near = (truth.rows >= first_row) & (truth.rows <= last_row)
     distances_px = []
     for line_px, true_columns in zip(lines_px, truth.columns, strict=True):
-        measured = (
-            (true_columns >= 0) & (truth.rows >= first_row) & (truth.rows <= last_row)
-        )
+        measured = is_near & (true_columns >= 0)
         true_px = np.column_stack([true_columns[measured], truth.rows[measured]])
         if lens is not None:
             true_px = undistort_points(true_px, lens)
         columns, rows = np.transpose(line_px)
         by_row = np.argsort(rows)
-        found_columns = np.interp(true_px[:, 1], rows[by_row], columns[by_row])
+        true_rows = true_px[:, 1]
+        found_columns = np.interp(true_rows, rows[by_row], columns[by_row])
         distances_px.append(np.abs(found_columns - true_px[:, 0]))
-    return float(np.concatenate(distances_px).mean())
+    all_px = np.concatenate(distances_px)
+    if not len(all_px):
+        return None
+    return float(all_px.mean())
 
 
 def plot_bars(
