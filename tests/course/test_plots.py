@@ -22,7 +22,7 @@ from helpers import (
     road_to_pixels,
     undistort_points,
 )
-from lanes.images import write_image
+from lanes.video.images import write_image
 
 
 @pytest.fixture(autouse=True)
