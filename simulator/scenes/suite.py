@@ -15,7 +15,8 @@ import numpy as np
 from platformdirs import user_cache_path
 
 import simulator
-from lanes.camera.model import Camera, model
+from lanes.camera import model
+from lanes.camera.model import Camera
 from lanes.files import hash_sources
 from lanes.video.images import write_image
 from simulator.processes import run_all
