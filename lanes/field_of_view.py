@@ -19,7 +19,8 @@ from lanes.camera import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_f
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
 from lanes.images import kind_of_file, orientation_of, upright_axes
-from lanes.video.robot_log import index_log, is_robot_log, open_log
+from lanes.video.log_files import is_robot_log, open_log
+from lanes.video.robot_log import index_log
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.
 DEFAULT_HFOV_DEG = 60.0

@@ -29,7 +29,7 @@ from lanes.files import hash_sources, read_text, remove_partial, require_file, w
 from lanes.lane_messages import MESSAGES_SUFFIX
 from lanes.report import frame_lengths_s, seconds_lost, share_tracked
 from lanes.sources import require_distinct_outputs
-from lanes.video.robot_log import file_of_log
+from lanes.video.log_files import file_of_log
 
 if TYPE_CHECKING:
     from distributed import Client, Future

@@ -25,7 +25,7 @@ import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
-from lanes.detect.markings import Markings, find_mask, network_log_odds
+from lanes.detect.markings import Markings, as_source, network_log_odds
 
 
 @dataclass(frozen=True)
@@ -296,15 +296,15 @@ def find_evidence(
     view : BirdsEyeView
     settings : PaintSettings
     markings : callable, optional, as for `lanes.find_lane`
-        Its mask takes the place of the other sources, unless its attribute `with_own` is true. An attribute
-        `confidence_shift` is that of the evidence.
+        Its mask takes the place of the other sources, or joins them, as a `MarkingSource` says.
     quick : bool
         Leave our network out: it takes sixty times as long as the band filter.
     """
     view_image = view.warp(image)
     band = marking_response(view_image, view, settings)
     strength, sources, edges = band.strength, ["band filter"], None
-    own = markings is None or getattr(markings, "with_own", False)
+    source = None if markings is None else as_source(markings)
+    own = source is None or source.with_own
     if own and not quick:
         # the weight of a cell (`strength_weight`) is the probability that the network states
         log_odds = network_log_odds(image, view)
@@ -312,22 +312,22 @@ def find_evidence(
         # the mean of the log odds; a response below one and a half times the noise says nothing against paint
         strength = np.sqrt(np.maximum(strength, np.float32(1.5) * view.seen) * paint)
         sources.append("network")
-    if markings is not None:
-        mask = find_mask(image, markings)
+    if source is not None:
+        mask = source.find_mask(image)
         of_mask = _mask_strength(mask, view, settings)
         strength, sources = (np.maximum(strength, of_mask), [*sources, "mask"]) if own else (of_mask, ["mask"])
     response = replace(band, strength=strength)
     stripes = find_stripes(response, view, settings)
     if strength is not band.strength:
         stripes, band_strength = place(stripes, band.strength, view, settings)
-        if markings is not None:
+        if source is not None:
             # a stripe of a mask alone is as exact as its pixels, and has no profile
             cell_px = 1 if own else max(view.camera.width / mask.shape[1], 1)
             std_m = np.where(band_strength > settings.half_weight_strength, 1, cell_px) * stripes.std_m
             stripes = replace(stripes, std_m=std_m, measurable=band_strength > settings.min_strength)
     if edges is not None:
         stripes = stripes.joined(_edge_stripes(replace(band, strength=edges), view, settings))
-    shift = float(getattr(markings, "confidence_shift", 0.0))
+    shift = 0.0 if source is None else source.confidence_shift
     return Evidence(view, view_image, response, stripes, tuple(sources), shift)
 
 
