@@ -182,45 +182,35 @@ def test_messages_in_protobuf_without_a_definition_are_named(tmp_path, recorders
         inspect_video(path)
 
 
-@pytest.mark.parametrize(
-    ("codec", "format_", "encoding"),
-    [("libx264", "h264", "protobuf"), ("libx265", "h265", "json")],
-)
-class TestVideoOfFoxglove:
-    """Without B frames, with a key frame every five."""
+@pytest.fixture(params=[("h264", "protobuf"), ("h265", "json")], ids="-".join)
+def video_log(request, tmp_path, recorders) -> Path:
+    """A video without B frames, with a key frame every five, each frame brighter."""
+    codec, encoding = request.param
+    images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
+    options = {"tune": "zerolatency", "crf": "10", "g": "5", "bf": "0"}
+    name = codec.replace("h", "libx")
+    video = encode(tmp_path / f"drive.{codec}", images, name, options=options)
+    with av.open(str(video)) as opened:
+        frames = [bytes(packet) for packet in opened.demux() if packet.size]
+    rows = [{"data": frame, "format": codec} for frame in frames]
+    stamps = stamps_at(np.arange(15) / 25)
+    topic = recorders.foxglove_topic("CompressedVideo", encoding, stamps, rows)
+    return recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
 
-    @pytest.fixture
-    def path(self, tmp_path, recorders, codec, format_, encoding) -> Path:
-        images = [np.full((96, 128, 3), 20 + 10 * n, np.uint8) for n in range(15)]
-        options = {
-            "tune": "zerolatency",
-            "crf": "10",
-            "preset": "ultrafast",
-            "g": "5",
-            "bf": "0",
-        }
-        video = encode(tmp_path / f"drive.{format_}", images, codec, options=options)
-        rows = []
-        with av.open(str(video)) as opened:
-            for packet in opened.demux():
-                if packet.size:
-                    rows.append({"data": bytes(packet), "format": format_})
-        stamps = stamps_at(np.arange(15) / 25)
-        topic = recorders.foxglove_topic("CompressedVideo", encoding, stamps, rows)
-        return recorders.write_mcap(tmp_path / "drive.mcap", {"/front": topic})
 
-    def test_is_read_from_its_first_frame_on(self, path):
-        info = inspect_video(path)
-        assert (info.frames, info.fps, info.missing) == (15, 25, 0)
-        assert (info.width, info.height) == (128, 96)
-        expected = [20 + 10 * number for number in range(15)]
-        assert shades(path) == pytest.approx(expected, abs=3)
+def test_a_video_of_foxglove_is_read_from_its_first_frame_on(video_log):
+    info = inspect_video(video_log)
+    assert (info.frames, info.fps, info.missing) == (15, 25, 0)
+    assert (info.width, info.height) == (128, 96)
+    expected = [20 + 10 * number for number in range(15)]
+    assert shades(video_log) == pytest.approx(expected, abs=3)
 
-    def test_is_read_from_any_frame_on(self, path):
-        frames = list(read_timed_frames(path, start_s=0.28, end_s=0.48))
-        assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
-        greys = [frame.image.mean() for frame in frames]
-        assert greys == pytest.approx([90, 100, 110, 120, 130], abs=3)
+
+def test_a_video_of_foxglove_is_read_from_any_frame_on(video_log):
+    frames = list(read_timed_frames(video_log, start_s=0.28, end_s=0.48))
+    assert [frame.number for frame in frames] == [7, 8, 9, 10, 11]
+    grays = [frame.image.mean() for frame in frames]
+    assert grays == pytest.approx([90, 100, 110, 120, 130], abs=3)
 
 
 # Recordings of rosbag2.
@@ -250,37 +240,35 @@ class TestCompressedRecording:
         assert found["source"] == str(folder)
 
 
-class TestSplitRecording:
-    """In two files, whose names sort the other way around."""
+@pytest.fixture
+def split(tmp_path) -> Path:
+    """A recording in two files, whose names sort the other way around."""
+    made = stamp_images(TINY, STAMPS)
+    folder = tmp_path / "drive"
+    folder.mkdir()
+    parts = {"z_first.db3": made[:4], "a_second.db3": made[4:]}
+    for name, part in parts.items():
+        written = write_messages(tmp_path / Path(name).stem, {"/image": part})
+        shutil.move(written / f"{written.name}.db3", folder / name)
+    described = yaml.safe_load((written / "metadata.yaml").read_text())
+    recording = described["rosbag2_bagfile_information"]
+    recording["relative_file_paths"] = list(parts)
+    (folder / "metadata.yaml").write_text(yaml.safe_dump(described))
+    return folder
 
-    @pytest.fixture
-    def folder(self, tmp_path) -> Path:
-        made = stamp_images(TINY, STAMPS)
-        folder = tmp_path / "drive"
-        folder.mkdir()
-        parts = {"z_first.db3": made[:4], "a_second.db3": made[4:]}
-        for name, part in parts.items():
-            written = write_messages(tmp_path / Path(name).stem, {"/image": part})
-            shutil.move(written / f"{written.name}.db3", folder / name)
-        described = yaml.safe_load((written / "metadata.yaml").read_text())
-        recording = described["rosbag2_bagfile_information"]
-        recording["relative_file_paths"] = list(parts)
-        (folder / "metadata.yaml").write_text(yaml.safe_dump(described))
-        return folder
 
-    def test_is_one_drive_in_the_order_of_its_metadata(self, folder):
-        assert shades(folder) == SHADES
-        times_s = [frame.time_s for frame in read_timed_frames(folder)]
-        assert times_s == pytest.approx(TINY_TIMES_S)
+def test_a_split_recording_is_one_drive_in_the_order_of_its_metadata(split):
+    assert shades(split) == SHADES
+    assert shades(split, start_s=0.25, end_s=0.45) == [60, 80]
+    times_s = [frame.time_s for frame in read_timed_frames(split)]
+    assert times_s == pytest.approx(TINY_TIMES_S)
 
-    def test_is_read_in_parts(self, folder):
-        assert shades(folder, start_s=0.25, end_s=0.45) == [60, 80]
 
-    def test_with_a_missing_file_is_refused(self, folder):
-        (folder / "a_second.db3").unlink()
-        words = r"a_second\.db3, which metadata\.yaml names, is missing"
-        with pytest.raises(VideoError, match=words):
-            inspect_video(folder)
+def test_a_split_recording_with_a_missing_file_is_refused(split):
+    (split / "a_second.db3").unlink()
+    words = r"a_second\.db3, which metadata\.yaml names, is missing"
+    with pytest.raises(VideoError, match=words):
+        inspect_video(split)
 
 
 def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
@@ -305,33 +293,32 @@ def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
     assert shades(killed) == SHADES
 
 
-class TestOwnMessages:
-    """What `annotate` wrote beside a log is no source."""
+@pytest.fixture
+def own_messages(tmp_path, drive, run) -> tuple:
+    """The options of a command that has written messages beside a log."""
+    path = tmp_path / "drive.mcap"
+    logs.write_log(path, drive[:4], DRIVE_TIMES_S[:4], camera=SMALL)
+    camera = save_camera(SMALL, tmp_path / "camera.yaml")
+    options = ("--camera", camera, "--no-report", "-o", tmp_path)
+    assert run("annotate", path, *options)[0] == 0
+    assert (tmp_path / "drive.lane.mcap").is_file()
+    return options
 
-    @pytest.fixture
-    def options(self, tmp_path, drive, run) -> tuple:
-        logs.write_log(
-            tmp_path / "drive.mcap", drive[:4], DRIVE_TIMES_S[:4], camera=SMALL
-        )
-        camera = save_camera(SMALL, tmp_path / "camera.yaml")
-        options = ("--camera", camera, "--no-report", "-o", tmp_path)
-        assert run("annotate", tmp_path / "drive.mcap", *options)[0] == 0
-        assert (tmp_path / "drive.lane.mcap").is_file()
-        return options
 
-    @pytest.mark.parametrize("names", [["*.mcap"], ["drive.mcap", "drive.lane.mcap"]])
-    def test_are_skipped_beside_a_log(self, tmp_path, run, options, names):
-        """By a pattern, and by their names, as a shell gives them."""
-        paths = [tmp_path / name for name in names]
-        status, out, err = run("annotate", *paths, *options)
-        assert status == 0
-        assert re.search("note: skipped, written by annotate.*drive.lane.mcap", err)
-        assert out.count("frames, confidence 0.9 or more") == 1
+@pytest.mark.parametrize("names", [["*.mcap"], ["drive.mcap", "drive.lane.mcap"]])
+def test_the_own_messages_are_no_source(tmp_path, run, own_messages, names):
+    """Neither by a pattern, nor by their names, as a shell gives them."""
+    paths = [tmp_path / name for name in names]
+    status, out, err = run("annotate", *paths, *own_messages)
+    assert status == 0
+    assert re.search("note: skipped, written by annotate.*drive.lane.mcap", err)
+    assert out.count("frames, confidence 0.9 or more") == 1
 
-    def test_are_refused_alone(self, tmp_path, run, options):
-        status, _, err = run("annotate", tmp_path / "drive.lane.mcap", *options)
-        assert status == 2
-        assert "was written by annotate; give the log" in err
+
+def test_the_own_messages_alone_are_refused(tmp_path, run, own_messages):
+    status, _, err = run("annotate", tmp_path / "drive.lane.mcap", *own_messages)
+    assert status == 2
+    assert "was written by annotate; give the log" in err
 
 
 # Pixels.

@@ -483,6 +483,17 @@ def read_onnx(file: Path) -> tuple[bytes, str]:
     return data, hashlib.sha256(data).hexdigest()
 
 
+def runtime_versions(markings: Markings) -> dict[str, str]:
+    """Versions of what runs a network, by name; empty for a function."""
+    if not isinstance(as_source(markings).function, OnnxNetwork):
+        return {}
+    try:
+        import onnxruntime
+    except ImportError:
+        return {"ONNX Runtime": "missing"}
+    return {"ONNX Runtime": onnxruntime.__version__}
+
+
 def _import_onnx(file: Path) -> Any:
     """The package `onnxruntime`; LaneError if the extra `network` is not installed."""
     try:

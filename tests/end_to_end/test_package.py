@@ -80,9 +80,10 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra, tornado another, rosbags and mcap the third. ipywidgets comes with Jupyter,
-    # moviepy with the course.
-    optional = {"dask", "distributed", "ipywidgets", "mcap", "moviepy", "tornado", "rosbags"}
+    # distributed (Dask) is of the extra cluster, tornado of label, onnx and onnxruntime of network, the others of ros.
+    # ipywidgets comes with Jupyter, moviepy with the course.
+    optional = {"distributed", "ipywidgets", "mcap", "mcap-protobuf-support", "moviepy", "onnx", "onnxruntime"}
+    optional |= {"tornado", "rosbags"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 
