@@ -451,6 +451,7 @@ class LocalProcesses(Executor):
             try:
                 return pool.submit(function, *args, **options).result()
             except BrokenExecutor:
+                pool.shutdown()  # until the process has released its locks
                 del self._of_thread.pool
                 if attempt == RETRIES or self._held.closed:
                     raise
@@ -471,8 +472,9 @@ class LocalProcesses(Executor):
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """End the processes at once, and cancel what has not begun."""
+        self._threads.shutdown(wait=False, cancel_futures=True)
         self._held.close()
-        self._threads.shutdown(wait, cancel_futures=True)
+        self._threads.shutdown(wait)
 
 
 def _watch_parent(end: Connection) -> None:

@@ -26,7 +26,7 @@ import pytest
 
 from lanes.detect.markings import load_markings
 from lanes.drive import DriveSettings, annotate_drive
-from lanes.field_of_view import FieldOfView
+from lanes.field_of_view import GIVEN, FieldOfView
 from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import (
     RETRIES,
@@ -292,15 +292,16 @@ def test_errors_that_were_caused_by_pyav_can_be_sent(tmp_path):
     assert sent.__cause__ is None
 
 
-def test_a_warning_of_a_worker_is_one_line_with_its_drive(tmp_path, drives, capfd):
-    """Of the camera, whose pose is not known and cannot be estimated."""
-    images = [np.full((432, 768, 3), 128, np.uint8)] * 5
-    gray = encode(tmp_path / "gray.avi", images, "mjpeg", "yuvj420p")
-    lens = replace(SMALL, pose=None)
-    settings = replace(settings_for(tmp_path / "out"), camera=lens)
-    annotate_many([gray], settings, workers=1)
+@pytest.mark.slow
+def test_a_warning_of_a_worker_is_one_line_with_its_drive(tmp_path, capfd):
+    """A portrait video with the field of view of its longer side."""
+    images = [np.full((768, 432, 3), 128, np.uint8)] * 2
+    video = encode(tmp_path / "portrait.avi", images, "mjpeg", "yuvj420p")
+    field = FieldOfView(90.0, GIVEN)
+    settings = DriveSettings(output=tmp_path / "out", progress=False, field=field)
+    annotate_many([video], settings, workers=1)
     err = capfd.readouterr().err
-    assert re.fullmatch(r"warning: .*gray\.avi: .*\n", err), err
+    assert re.fullmatch(rf"warning: {video}: the images are in portrait.*\n", err), err
 
 
 # Workers on other machines.

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-onnx = pytest.importorskip("onnx", reason="onnx is not installed: pip install onnx")
+pytest.importorskip("onnx", reason="onnx is not installed: pip install onnx")
 pytest.importorskip("onnxruntime", reason="onnxruntime is not installed")
+import onnx
 from onnx import TensorProto, helper, numpy_helper
 from onnx.external_data_helper import set_external_data
 
