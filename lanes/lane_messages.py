@@ -109,10 +109,11 @@ class LaneMessageWriter(TelemetryWriter):
         super().write(row)
         stamp_ns = self._stamps_ns[row["frame"]]
         for name, topic in self._topics.items():
+            value = row.get(name)
             if name == "lines":
                 value = self._make_markers(self._tracker.lane, stamp_ns)
-            else:
-                value = np.nan if row[name] is None else row[name]
+            elif value is None:
+                value = np.nan
             message = self._store.types[topic.msgtype](value)
             data = self._store.serialize_cdr(message, topic.msgtype)
             with translate_write_errors(self.path.with_suffix(MESSAGES_SUFFIX)):

@@ -202,14 +202,22 @@ def _summary_rows(
 ) -> Iterator[dict[str, object]]:
     """Rows of failed drives, then of the others, those with the worst tracks first."""
     for video, error in sorted(failed.items()):
-        row = {"drive": video.stem, "state": "failed", "reason": str(error)}
-        yield row | {"source": str(video)}
+        yield {
+            "drive": video.stem,
+            "state": "failed",
+            "reason": str(error),
+            "source": str(video),
+        }
 
     for drive in sorted(finished, key=_worst_first):
         source = drive.fingerprint["source"]
-        row = {"drive": Path(source).stem, "state": "finished"}
         measures = {name: getattr(drive, name) for name in _MEASURES}
-        yield row | measures | {"source": source}
+        yield {
+            "drive": Path(source).stem,
+            "state": "finished",
+            **measures,
+            "source": source,
+        }
 
 
 def _worst_first(drive: FinishedDrive) -> tuple[float, float, str]:

@@ -146,18 +146,17 @@ def _unpack(message: Any, name: str) -> np.ndarray | None:
         return _uncompress(data, str(message.format), name)
     if message.encoding in _PLANAR:
         return _unpack_planes(message, data)
-    if message.encoding not in _ENCODINGS:
-        encoding = f"the encoding {message.encoding!r}"
-        raise VideoError(f"{name} has {encoding}; record one of {_COMMON}.")
+    encoding = _ENCODINGS.get(message.encoding)
+    if encoding is None:
+        unknown = f"the encoding {message.encoding!r}"
+        raise VideoError(f"{name} has {unknown}; record one of {_COMMON}.")
 
-    encoding = _ENCODINGS[message.encoding]
     row_bytes = message.width * encoding.channels * encoding.bytes_each
     rows = _cut_rows(data, message.height, message.step, row_bytes)
     if rows is None:
         return None
     if encoding.bytes_each == 2:
-        order = ">" if getattr(message, "is_bigendian", 0) else "<"
-        stored = np.dtype(np.uint16).newbyteorder(order)
+        stored = np.dtype(">u2" if getattr(message, "is_bigendian", 0) else "<u2")
         rows = rows.view(stored).astype(np.uint16, copy=False)
     pixels = rows.reshape(message.height, message.width, encoding.channels)
     if encoding.to_rgb is None:

@@ -215,7 +215,7 @@ def _stamp_ns(message: Any) -> int:
     """The time in the header of a message of ROS, or of Foxglove's schemas."""
     has_header = hasattr(message, "header")
     stamp = message.header.stamp if has_header else message.timestamp
-    fields = stamp if isinstance(stamp, dict) else vars(stamp)
+    fields: dict[str, Any] = stamp if isinstance(stamp, dict) else vars(stamp)
     nanoseconds = fields.get("nanosec", fields.get("nsec", 0))
     return int(fields.get("sec", 0)) * 10**9 + int(nanoseconds)
 

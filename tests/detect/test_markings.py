@@ -289,87 +289,70 @@ def test_with_the_network_the_lines_are_tracked(hidden):
     assert lane.width_m == pytest.approx(3.6, abs=0.05)
 
 
-class TestAnnotateWithNetwork:
-    @pytest.fixture(scope="class")
-    @classmethod
-    def output(cls, hidden, tmp_path_factory) -> Path:
-        output = tmp_path_factory.mktemp("annotated")
-        settings = {
-            "camera": lanes.load_camera(hidden / "drive.yaml"),
-            "markings": load_markings(hidden / "pink.onnx"),
-        }
-        lanes.annotate(hidden / "drive.mp4", output, **settings)
-        lanes.annotate(hidden / "stills", output, **settings)
-        return output
-
-    @pytest.mark.parametrize(
-        ("table", "last_s"), [("drive.csv", (FRAMES - 1) / 25), ("pictures.csv", 0.0)]
-    )
-    def test_the_lane_of_videos_and_stills_is_found(self, output, table, last_s):
-        offset_m = read_telemetry(output / table)["offset_m"]
-        assert offset_m[-1] == pytest.approx(true_offset_m(last_s), abs=0.06)
-
-    def test_the_report_names_the_network(self, hidden, output):
-        assert f"{hidden}/pink.onnx" in (output / "drive.html").read_text()
+# Every command takes markings that only the network sees.
 
 
-class TestCommandsWithNetwork:
-    """Every command takes markings that only the network sees."""
+@pytest.fixture
+def command(hidden, run):
+    """A function that runs a command with a network; returns its output."""
 
-    @pytest.fixture
-    def options(self, hidden) -> tuple:
-        markings = ("--markings", f"{hidden}/pink.onnx,own")
-        return ("--camera", hidden / "drive.yaml", *markings)
-
-    @pytest.fixture
-    def still(self, hidden) -> Path:
-        return hidden / "stills" / "a.png"
-
-    def test_annotate(self, hidden, options, tmp_path, run):
-        status, _, err = run("annotate", hidden / "drive.mp4", *options, "-o", tmp_path)
+    def command(name: str, *arguments: object, network: str = "pink.onnx,own") -> str:
+        camera = ("--camera", hidden / "drive.yaml")
+        markings = ("--markings", hidden / network)
+        status, out, err = run(name, *camera, *markings, *arguments)
         assert status == 0, err
-        offset_m = read_telemetry(tmp_path / "drive.csv")["offset_m"][-1]
-        expected_m = true_offset_m((FRAMES - 1) / 25)
-        assert offset_m == pytest.approx(expected_m, abs=0.06)
+        return out
 
-    @pytest.mark.slow
-    def test_detect(self, hidden, options, still, tmp_path, run):
-        output = ("-o", tmp_path / "lanes.jsonl")
-        _, out, _ = run("detect", still, hidden / "drive.mp4", *options, *output)
-        assert f"{FRAMES + 1} pictures, no lane in 0" in out
+    return command
 
-    @pytest.mark.slow
-    def test_explain(self, options, still, tmp_path, run):
-        _, out, _ = run("explain", still, *options, "-o", tmp_path / "explained.png")
-        assert "probability of paint up to 9" in out
-        assert "failed at" not in out
 
-    @pytest.mark.slow
-    def test_pose(self, hidden, options, still, tmp_path, run):
-        lens = ("--camera", hidden / "lens.yaml")
-        output = ("-o", tmp_path / "camera.yaml")
-        _, out, _ = run("pose", still, *lens, *options[2:], *output)
-        assert "1 of 1 used" in out
+def test_annotate_finds_the_lane_of_videos_and_stills(hidden, tmp_path, command):
+    sources = hidden / "drive.mp4", hidden / "stills"
+    command("annotate", *sources, "-o", tmp_path, network="pink.onnx")
+    offset_m = read_telemetry(tmp_path / "drive.csv")["offset_m"][-1]
+    expected_m = true_offset_m((FRAMES - 1) / 25)
+    assert offset_m == pytest.approx(expected_m, abs=0.06)
+    offset_m = read_telemetry(tmp_path / "pictures.csv")["offset_m"][-1]
+    assert offset_m == pytest.approx(true_offset_m(), abs=0.06)
+    assert f"{hidden}/pink.onnx" in (tmp_path / "drive.html").read_text()
 
-    @pytest.mark.slow
-    @pytest.mark.parametrize(
-        ("network", "right"), [("pink", "1.000"), ("blind", "0.000")]
-    )
-    def test_benchmark(self, hidden, options, tmp_path, run, network, right):
-        """Predictions of the network that sees the lines are the labels."""
-        still = write_image(tmp_path / "a.png", HIDDEN.frame(0.0))
-        labels = tmp_path / "labels.jsonl"
-        rows = ("--rows", "200:350:10", "-o", labels)
-        run("detect", still, *options, *rows)
-        labels.write_text(labels.read_text().replace(f"{tmp_path}/", ""))
 
-        write_model(tmp_path / "pink.onnx", {"lines": PINK_PAINT})
-        write_model(tmp_path / "blind.onnx", {"lines": threshold(-1, -1, -1)})
-        markings = ("--markings", tmp_path / f"{network}.onnx")
-        scored = ("--labels", labels, "--system", "tracker", *options[:2])
-        _, out, _ = run("benchmark", *scored, *markings)
-        (line,) = [row for row in out.splitlines() if row.startswith("tracker")]
-        assert line.split()[1:3] == ["1", right]
+@pytest.mark.slow
+def test_detect_finds_a_lane_in_each_image(hidden, tmp_path, command):
+    sources = hidden / "stills", hidden / "drive.mp4"
+    out = command("detect", *sources, "-o", tmp_path / "lanes.jsonl")
+    assert f"{FRAMES + 1} pictures, no lane in 0" in out
+
+
+@pytest.mark.slow
+def test_explain_shows_paint(hidden, tmp_path, command):
+    still = hidden / "stills" / "a.png"
+    out = command("explain", still, "-o", tmp_path / "explained.png")
+    assert "probability of paint up to 9" in out
+    assert "failed at" not in out
+
+
+@pytest.mark.slow
+def test_pose_uses_the_lane(hidden, tmp_path, command):
+    still = hidden / "stills" / "a.png"
+    lens = ("--camera", hidden / "lens.yaml")
+    assert "1 of 1 used" in command("pose", still, *lens, "-o", tmp_path / "a.yaml")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("network", "right"), [("pink", "1.000"), ("blind", "0.000")])
+def test_benchmark_scores_the_network(hidden, tmp_path, command, network, right):
+    """The labels are what the network that sees the lines finds."""
+    labels = hidden / "stills" / "labels.jsonl"
+    rows = ("--rows", "200:350:10", "-o", labels)
+    command("detect", hidden / "stills" / "a.png", *rows)
+    labels.write_text(labels.read_text().replace(f"{labels.parent}/", ""))
+    write_model(hidden / "blind.onnx", {"lines": threshold(-1, -1, -1)})
+
+    scored = ("--labels", labels, "--system", "tracker")
+    out = command("benchmark", *scored, network=f"{network}.onnx")
+    (line,) = [row for row in out.splitlines() if row.startswith("tracker")]
+    assert line.split()[1:3] == ["1", right]
 
 
 def test_finished_drives_depend_on_the_network(hidden, tmp_path):
