@@ -76,7 +76,7 @@ lint: $(INSTALLED)
 	@echo "== Import contracts (pyproject.toml)"
 	@$(ENV)/lint-imports --no-logo --no-cache
 
-check: lint
+check: lint $(OPTIONAL)
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
 	@echo "== Sizes and their budgets (pyproject.toml)"

@@ -36,6 +36,7 @@ from lanes.many import (
     annotate_many,
     fingerprint,
     outcome_of,
+    read_finished,
     run_job,
 )
 from lanes.video.reader import inspect_video
@@ -175,6 +176,7 @@ def empty(tmp_path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_failed_drives_are_named_and_the_others_go_on(
     video, gray, empty, tmp_path, where
 ):
@@ -208,6 +210,7 @@ def test_failed_drives_and_bad_tracks_come_first_in_the_table(
 # Faults that may pass.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["full disk", "death"])
 class TestRepeatedTasks:
     def test_a_drive_is_finished_after_faults(self, video, tmp_path, where, kind):
@@ -218,7 +221,6 @@ class TestRepeatedTasks:
         assert finished[0].frames == FRAMES
         assert leftovers(tmp_path / "out") == []
 
-    @pytest.mark.slow
     def test_a_drive_fails_after_too_many(self, video, tmp_path, kind):
         fault = Fault(tmp_path / "calls", kind)
         settings = settings_for(tmp_path / "out", markings=fault)
@@ -229,6 +231,7 @@ class TestRepeatedTasks:
         assert leftovers(tmp_path / "out") == []
 
 
+@pytest.mark.slow
 def test_a_worker_that_dies_takes_no_other_drive_with_it(drives, gray, tmp_path):
     """A gray drive always kills its worker."""
     fault = Fault(tmp_path / "calls", "death", of_gray=True)
@@ -269,6 +272,7 @@ def test_a_worker_that_is_killed_is_replaced(drives, tmp_path):
 PYAV_ERRORS = ["OSError", "PermissionError", "InvalidDataError"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", PYAV_ERRORS)
 def test_errors_of_pyav_reach_the_user_as_in_a_local_run(kind, video, tmp_path, where):
     """A worker sends them to another process, which needs plain errors."""
@@ -364,32 +368,37 @@ CHANGED_FILES = {
 
 
 class TestFinishedDrive:
-    @pytest.fixture
-    def drive(self, video, tmp_path) -> Path:
-        return shutil.copy(video, tmp_path / "drive.mp4")
+    @pytest.fixture(scope="class")
+    @classmethod
+    def run_before(cls, drives, tmp_path_factory) -> Path:
+        """A folder with a drive and what was written of it."""
+        folder = tmp_path_factory.mktemp("finished")
+        drive = shutil.copy(drives / "drive0.mp4", folder / "drive.mp4")
+        run_job(job_for(drive, folder / "out"))
+        shutil.copytree(folder, folder.with_name("backup"))
+        return folder
 
     @pytest.fixture
-    def manifest(self, drive, tmp_path) -> Path:
-        """That of the drive, which is finished."""
-        assert isinstance(run_job(job_for(drive, tmp_path / "out")), FinishedDrive)
-        return tmp_path / "out" / "drive.json"
+    def manifest(self, run_before) -> Iterator[Path]:
+        """The manifest of the drive, which is finished."""
+        yield run_before / "out" / "drive.json"
+        shutil.rmtree(run_before)
+        shutil.copytree(run_before.with_name("backup"), run_before)
 
     def is_skipped(self, manifest: Path, **changes: object) -> bool:
-        """Whether a run without workers has the drive among the finished ones.
-
-        Nobody answers at the address of the scheduler.
-        """
-        videos = [drive_of(manifest)]
         settings = replace(settings_for(manifest.parent), **changes)
-        try:
-            finished, _ = annotate_many(videos, settings, scheduler="no address")
-        except OSError:
-            return False
-        return len(finished) == 1
+        video = drive_of(manifest)
+        job = DriveJob(video, settings, fingerprint(video, settings))
+        return read_finished(job) is not None
 
-    def test_is_skipped(self, manifest):
-        pytest.importorskip("distributed")
-        assert self.is_skipped(manifest)
+    def test_is_skipped_without_a_worker(self, manifest):
+        """Nobody answers at the address of the scheduler."""
+        videos, settings = [drive_of(manifest)], settings_for(manifest.parent)
+        nobody = "tcp://127.0.0.1:9"
+        finished, _ = annotate_many(videos, settings, scheduler=nobody)
+        assert [drive.frames for drive in finished] == [FRAMES]
+
+    def test_is_skipped_with_another_progress(self, manifest):
         assert self.is_skipped(manifest, progress=True)
 
     @pytest.mark.parametrize(
@@ -436,20 +445,18 @@ class TestFinishedDrive:
         manifest.write_text(text.replace(version, '"OpenCV": "4.0.0"'))
         assert not self.is_skipped(manifest)
 
-    def test_is_annotated_again_and_then_skipped(self, manifest, drive):
+    def test_is_annotated_again_and_then_skipped(self, manifest):
         os.truncate(manifest.with_suffix(".csv"), 100)
-        settings = settings_for(manifest.parent)
-        assert len(annotate_many([drive], settings, workers=1)[0]) == 1
+        videos, settings = [drive_of(manifest)], settings_for(manifest.parent)
+        assert len(annotate_many(videos, settings, workers=1)[0]) == 1
         assert len(read_telemetry(manifest.with_suffix(".csv"))["frame"]) == FRAMES
         assert self.is_skipped(manifest)
 
-    def test_whose_manifest_cannot_be_written_has_failed(self, manifest, drive):
+    def test_whose_manifest_cannot_be_written_has_failed(self, manifest):
         manifest.unlink()
         os.mkfifo(manifest)
-        settings = settings_for(manifest.parent)
-        finished, (failure,) = annotate_many([drive], settings, workers=1)
-        assert finished == []
-        assert "drive.json: cannot be written (it is a pipe" in str(failure)
+        with pytest.raises(OSError, match=r"drive\.json: cannot be written \(it is a pipe"):
+            run_job(job_for(drive_of(manifest), manifest.parent))
 
 
 # The command.
@@ -545,6 +552,7 @@ def is_alive(process: psutil.Process) -> bool:
     return False
 
 
+@pytest.mark.slow
 def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path):
     """Its lock covers a part of the first drive; that of the last is of a killed run."""
     output = tmp_path / "out"
