@@ -53,7 +53,12 @@ def write_lane_messages(
 
     Its rows are the last image of `tracker`.
     """
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+    from rosbags.rosbag2 import (
+        CompressionFormat,
+        CompressionMode,
+        StoragePlugin,
+        Writer,
+    )
     from rosbags.typesys import Stores, get_typestore
 
     mcap = path.with_suffix(MESSAGES_SUFFIX)

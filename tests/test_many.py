@@ -153,7 +153,8 @@ def test_results_equal_those_of_a_serial_run(drives, tmp_path, where):
 
     video = videos[1]
     annotate_drive(video, settings_for(serial))
-    assert (many / video.name).read_bytes() == (serial / video.name).read_bytes()
+    expected = (serial / video.name).read_bytes()
+    assert (many / video.name).read_bytes() == expected
     expected = read_telemetry(serial / f"{video.stem}.csv")
     found = read_telemetry(many / f"{video.stem}.csv")
     assert list(found) == list(expected)
@@ -196,9 +197,11 @@ def test_failed_drives_and_bad_tracks_come_first_in_the_table(
     output = tmp_path / "out"
     annotate_many([video, gray, empty], settings_for(output), workers=2)
     failed, worst, best = summary(output)
-    assert (failed["source"], failed["state"]) == (str(empty), "failed")
+    assert failed["source"] == str(empty)
+    assert failed["state"] == "failed"
     assert "the file is empty" in failed["reason"]
-    assert (worst["source"], worst["state"]) == (str(gray), "finished")
+    assert worst["source"] == str(gray)
+    assert worst["state"] == "finished"
     assert float(worst["tracked_share"]) == 0
     assert float(worst["lost_s"]) == pytest.approx(0.28)
     assert (worst["frames"], worst["missing"]) == ("5", "2")
@@ -327,7 +330,9 @@ def test_a_worker_on_another_disk_is_reported(video, tmp_path):
     future.set_result(run_job(job))
     assert isinstance(outcome_of(job, future), FinishedDrive)
     (tmp_path / "drive0.mp4").unlink()
-    words = r"drive0\.mp4: its worker wrote drive0\.mp4, but not into .*storage that all"
+    words = (
+        r"drive0\.mp4: its worker wrote drive0\.mp4, but not into .*storage that all"
+    )
     assert re.search(words, str(outcome_of(job, future)))
 
 
@@ -455,7 +460,9 @@ class TestFinishedDrive:
     def test_whose_manifest_cannot_be_written_has_failed(self, manifest):
         manifest.unlink()
         os.mkfifo(manifest)
-        with pytest.raises(OSError, match=r"drive\.json: cannot be written \(it is a pipe"):
+        with pytest.raises(
+            OSError, match=r"drive\.json: cannot be written \(it is a pipe"
+        ):
             run_job(job_for(drive_of(manifest), manifest.parent))
 
 
@@ -485,7 +492,9 @@ class TestWithoutDask:
         status, out, err = annotate("--scheduler", "tcp://127.0.0.1:9")
         assert (status, out) == (1, "")
         assert not (tmp_path / "out").exists()
-        words = r"error: --scheduler needs Dask, which .*`pip install 'dask\[distrib.*\n"
+        words = (
+            r"error: --scheduler needs Dask, which .*`pip install 'dask\[distrib.*\n"
+        )
         assert re.fullmatch(words, err)
 
     def test_workers_of_this_machine_can_be_used(self, annotate, tmp_path):
@@ -540,7 +549,9 @@ class TestStoppedRun:
         with start(*arguments) as child:
             out, err = child.communicate(timeout=300)
         assert child.returncode == 0, err
-        words = f"{DRIVES} drives finished, 0 failed; {len(finished)} of {DRIVES} drives"
+        words = (
+            f"{DRIVES} drives finished, 0 failed; {len(finished)} of {DRIVES} drives"
+        )
         assert words in out
         assert {path: path.stat().st_mtime_ns for path in finished} == before
         check_whole(output, videos_in(drives))

@@ -178,7 +178,9 @@ def test_messages_in_protobuf_without_a_definition_are_named(tmp_path, recorders
     kind = "foxglove.CompressedImage"
     topic = recorders.RecordedTopic(kind, "protobuf", STAMPS, [b""] * 6, b"\xff")
     path = recorders.write_mcap(tmp_path / "a.mcap", {"/front": topic})
-    with pytest.raises(VideoError, match=r"a\.mcap: is cut off, damaged.*DescriptorSet"):
+    with pytest.raises(
+        VideoError, match=r"a\.mcap: is cut off, damaged.*DescriptorSet"
+    ):
         inspect_video(path)
 
 
@@ -186,7 +188,9 @@ def test_messages_in_protobuf_without_a_definition_are_named(tmp_path, recorders
 def video_log(request, tmp_path, recorders) -> Path:
     """A video without B frames, with a key frame every five, each frame brighter."""
     codec, encoding = request.param
-    images = [np.full((96, 128, 3), 20 + 10 * number, np.uint8) for number in range(15)]
+    images = []
+    for number in range(15):
+        images.append(np.full((96, 128, 3), 20 + 10 * number, np.uint8))
     options = {"tune": "zerolatency", "crf": "10", "g": "5", "bf": "0"}
     name = codec.replace("h", "libx")
     video = encode(tmp_path / f"drive.{codec}", images, name, options=options)
@@ -217,7 +221,12 @@ def test_a_video_of_foxglove_is_read_from_any_frame_on(video_log):
 
 
 @pytest.mark.parametrize(
-    ("mode", "mcap"), [("MESSAGE", False), ("MESSAGE", True), ("FILE", False)]
+    ("mode", "mcap"),
+    [
+        ("MESSAGE", False),
+        ("MESSAGE", True),
+        ("FILE", False),
+    ],
 )
 class TestCompressedRecording:
     @pytest.fixture
@@ -277,9 +286,7 @@ def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
     killed = tmp_path / "copy" / "killed.db3"
     killed.parent.mkdir()
     with closing(sqlite3.connect(path)) as database:
-        database.executescript(
-            "PRAGMA journal_mode=WAL; PRAGMA wal_autocheckpoint=0"
-        )
+        database.executescript("PRAGMA journal_mode=WAL; PRAGMA wal_autocheckpoint=0")
         database.execute("ATTACH ? AS whole", [str(whole)])
         database.execute(
             "INSERT INTO messages "
@@ -426,13 +433,18 @@ def test_encodings_of_drivers_give_the_same_picture(
 ):
     path = write_fields(tmp_path / "drive.mcap", [fields] * 3)
     image = next(read_timed_frames(path)).image
-    inner = image[2:-2, 2:-2].astype(int)
-    assert np.abs(inner - expected[2:-2, 2:-2]).max() <= tolerance
+    error = image.astype(int) - expected
+    assert np.abs(error[2:-2, 2:-2]).max() <= tolerance
     image[:] = 0  # may be written to
 
 
 @pytest.mark.parametrize(
-    ("bits", "big_endian"), [(10, False), (12, True), (16, True)]
+    ("bits", "big_endian"),
+    [
+        (10, False),
+        (12, True),
+        (16, True),
+    ],
 )
 def test_the_bits_of_a_camera_are_those_of_its_brightest_images(
     tmp_path, bits, big_endian
@@ -449,8 +461,10 @@ def test_the_bits_of_a_camera_are_those_of_its_brightest_images(
 
     path = write_fields(tmp_path / "drive.db3", fields)
     found = [frame.image[..., 0].astype(int) for frame in read_timed_frames(path)]
-    assert np.abs(found[0] - (gray >> 4)).max() <= 1
-    assert np.abs(found[1] - (bright >> bits - 8)).max() <= 1
+    expected = gray >> 4
+    assert np.abs(found[0] - expected).max() <= 1
+    expected = bright >> bits - 8
+    assert np.abs(found[1] - expected).max() <= 1
 
 
 # The camera.
@@ -492,7 +506,8 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(
     assert camera.size == size
     pixels = np.array([[50.0, 40.0], [250.0, 90.0]]) + origin
     in_part = (pixels - origin + 0.5) * scale - 0.5
-    np.testing.assert_allclose(camera.rays(in_part), SMALL.rays(pixels), atol=1e-9)
+    rays = camera.rays(in_part)
+    np.testing.assert_allclose(rays, SMALL.rays(pixels), atol=1e-9)
 
 
 # Times.

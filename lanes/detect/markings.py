@@ -306,7 +306,9 @@ class OnnxNetwork:
     def _inputs_of(self, image: np.ndarray, expected: Any) -> np.ndarray:
         """The image as the network's first input, which is `expected`."""
         swap = self.settings.colour_order == "BGR"
-        pixels = cv2.dnn.blobFromImage(image, 1.0, self.settings.input_size, swapRB=swap)
+        pixels = cv2.dnn.blobFromImage(
+            image, 1.0, self.settings.input_size, swapRB=swap
+        )
         mean = np.reshape(np.array(self.settings.mean, np.float32), (-1, 1, 1))
         scale = np.reshape(np.array(self.settings.scale, np.float32), (-1, 1, 1))
 
@@ -395,7 +397,9 @@ def _read_settings(path: Path) -> NetworkSettings:
     text = read_text(path, "YAML", error=LaneError, max_bytes=100_000)
     entries = parse_yaml(text)
     if not isinstance(entries, dict):
-        raise yaml.YAMLError("its content must be a mapping, `name: value` in each line")
+        raise yaml.YAMLError(
+            "its content must be a mapping, `name: value` in each line"
+        )
     return NetworkSettings(**entries)
 
 

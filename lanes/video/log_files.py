@@ -181,7 +181,9 @@ def _list_parts(folder: Path) -> list[Path]:
     recorded = parse_yaml(text)[_RECORDING]["relative_file_paths"]
     names = [PurePath(name).name for name in recorded]
     if not names:
-        raise VideoError(f"{folder}: {_METADATA} names no file; name another recording.")
+        raise VideoError(
+            f"{folder}: {_METADATA} names no file; name another recording."
+        )
 
     for name in names:
         if not (folder / name).is_file():

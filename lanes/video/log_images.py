@@ -81,7 +81,9 @@ _COMMON = (
     "nv12"
 )
 # Formats of compressed messages that are not an image each.
-_VIDEO_CODECS = re.compile(r"\b(h\.?26[45]|avc|hevc|av1|vp[89]|theora)\b", re.IGNORECASE)
+_VIDEO_CODECS = re.compile(
+    r"\b(h\.?26[45]|avc|hevc|av1|vp[89]|theora)\b", re.IGNORECASE
+)
 
 
 @dataclass(frozen=True)

@@ -152,7 +152,9 @@ def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> st
             others.append(found)
     is_asked_for = any(found.name == topic for found in others)
     if others and (not images or is_asked_for):
-        listed = [f"{found.type_name} ({found.encoding}) on {found.name}" for found in others]
+        listed = [
+            f"{found.type_name} ({found.encoding}) on {found.name}" for found in others
+        ]
         raise VideoError(
             f"{path}: has {', '.join(listed)}, which is not read; "
             "record images, or convert a video in it to mp4."

@@ -49,7 +49,8 @@ def largest_error_m(lane: lanes.Lane, arc: Arc) -> float:
     """Largest distance of both lines from their true places."""
     left_m = arc.lateral_m(LEFT_M, AHEAD_M)
     right_m = arc.lateral_m(RIGHT_M, AHEAD_M)
-    return np.abs(lane.lateral_m(AHEAD_M) - [left_m, right_m]).max()
+    error_m = lane.lateral_m(AHEAD_M) - [left_m, right_m]
+    return np.abs(error_m).max()
 
 
 # Masks of functions.
@@ -57,7 +58,10 @@ def largest_error_m(lane: lanes.Lane, arc: Arc) -> float:
 
 @pytest.mark.parametrize(
     ("arc", "size"),
-    [(Arc(1 / 150, offset_m=0.4), (640, 360)), (Arc(-1 / 80), (320, 180))],
+    [
+        (Arc(1 / 150, offset_m=0.4), (640, 360)),
+        (Arc(-1 / 80), (320, 180)),
+    ],
 )
 class TestMaskWithoutVisiblePaint:
     @pytest.fixture
@@ -71,8 +75,9 @@ class TestMaskWithoutVisiblePaint:
         assert found.lane.confidence > 0.9
 
     def test_gives_neither_kind_nor_colour(self, found):
-        assert [line.kind for line in found.lane.lines] == [None, None]
-        assert [line.colour for line in found.lane.lines] == [None, None]
+        for line in found.lane.lines:
+            assert line.kind is None
+            assert line.colour is None
 
     def test_gives_stripes_as_exact_as_a_pixel_of_the_mask(self, found, size):
         stripes = found.evidence.stripes
@@ -104,15 +109,17 @@ class TestMaskBesideVisiblePaint:
         return stripes.y_m - true_m
 
     def test_stripes_on_paint_are_where_the_paint_is(self, stripes, off_m):
-        assert np.quantile(np.abs(off_m[stripes.measurable]), 0.85) < 0.02
+        distance_m = np.abs(off_m[stripes.measurable])
+        assert np.quantile(distance_m, 0.85) < 0.02
 
     def test_other_stripes_are_where_the_mask_is(self, stripes, off_m):
         of_mask_m = np.median(off_m[~stripes.measurable])
         assert of_mask_m == pytest.approx(0.06, abs=0.01)
 
     def test_the_lines_have_the_kind_and_colour_of_the_paint(self, found):
-        kinds = [(line.kind, line.colour) for line in found.lane.lines]
-        assert kinds == [("dashed", "white"), ("dashed", "white")]
+        for line in found.lane.lines:
+            assert line.kind == "dashed"
+            assert line.colour == "white"
 
 
 class TestMaskWithoutMarkings:
@@ -122,7 +129,8 @@ class TestMaskWithoutMarkings:
     @classmethod
     def faint(cls) -> np.ndarray:
         colour = tuple(np.add(ASPHALT, 8))
-        return Road(CAMERA, noise=5.0).lines(LEFT_M, RIGHT_M, colour=colour).image()
+        road = Road(CAMERA, noise=5.0)
+        return road.lines(LEFT_M, RIGHT_M, colour=colour).image()
 
     def test_alone_gives_no_lane(self, faint):
         assert lanes.find_lane(faint, CAMERA, markings=no_markings) is None
@@ -166,10 +174,16 @@ def image() -> np.ndarray:
 BACKGROUND_AND_PAINT = threshold()
 KERNEL, BIAS = BACKGROUND_AND_PAINT
 # of inputs that are normalised like torchvision: (pixel / 255 - 0.5) / 0.25
-NORMALISED = threshold(road=(98 / 255 - 0.5) / 0.25, paint=(215 / 255 - 0.5) / 0.25)
+NORMALISED = threshold(
+    road=(98 / 255 - 0.5) / 0.25,
+    paint=(215 / 255 - 0.5) / 0.25,
+)
 NORMALISATION = {"mean": [127.5] * 3, "scale": [4 / 255] * 3}
 # two channels of paint, whose probabilities add up
-TWO_KINDS = np.concatenate([KERNEL, KERNEL[1:]]), np.concatenate([BIAS, BIAS[1:]])
+TWO_KINDS = (
+    np.concatenate([KERNEL, KERNEL[1:]]),
+    np.concatenate([BIAS, BIAS[1:]]),
+)
 
 NETWORKS = {
     "probabilities": (BACKGROUND_AND_PAINT, {"values": "probabilities"}, True),
@@ -225,7 +239,8 @@ def test_a_new_file_of_the_same_name_is_read(image, tmp_path):
 def test_another_process_gets_the_same_network(image, tmp_path):
     source = load_markings(write_model(tmp_path / "m.onnx", {"lines": threshold()}))
     received = pickle.loads(pickle.dumps(source))
-    np.testing.assert_array_equal(received.find_mask(image), source.find_mask(image))
+    mask = received.find_mask(image)
+    np.testing.assert_array_equal(mask, source.find_mask(image))
 
 
 class TestConfidenceShift:
@@ -239,7 +254,8 @@ class TestConfidenceShift:
         unshifted = replace(source, confidence_shift=0.0)
         plain = lanes.find_lane(image, CAMERA, markings=unshifted)
         shifted = lanes.find_lane(image, CAMERA, markings=source)
-        assert plain.log_odds - shifted.log_odds == pytest.approx(3.0, abs=0.01)
+        difference = plain.log_odds - shifted.log_odds
+        assert difference == pytest.approx(3.0, abs=0.01)
 
     def test_is_that_of_a_track(self, image, source):
         lane = LaneTracker(CAMERA, markings=source).update(image)
@@ -250,8 +266,8 @@ class TestConfidenceShift:
 
 
 def pink_lines() -> tuple:
-    lines = lane_lines()[:2]
-    return tuple(replace(line, colour=PINK, width_m=0.3, dash_m=None) for line in lines)
+    changes = {"colour": PINK, "width_m": 0.3, "dash_m": None}
+    return tuple(replace(line, **changes) for line in lane_lines()[:2])
 
 
 MOTION = Motion(60.0, 25.0, offset_m=0.3)
@@ -282,8 +298,9 @@ def test_without_the_network_no_sure_lane_is_found():
 def test_with_the_network_the_lines_are_tracked(hidden):
     tracker = LaneTracker(SMALL, markings=load_markings(f"{hidden}/pink.onnx,own"))
     for frame in range(4):
-        lane = tracker.update(HIDDEN.frame(frame / 25))
-        assert lane.offset_m == pytest.approx(true_offset_m(frame / 25), abs=0.05)
+        time_s = frame / 25
+        lane = tracker.update(HIDDEN.frame(time_s))
+        assert lane.offset_m == pytest.approx(true_offset_m(time_s), abs=0.05)
     assert lane.state == "tracking"
     assert lane.confidence > 0.9
     assert lane.width_m == pytest.approx(3.6, abs=0.05)
@@ -340,7 +357,13 @@ def test_pose_uses_the_lane(hidden, tmp_path, command):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("network", "right"), [("pink", "1.000"), ("blind", "0.000")])
+@pytest.mark.parametrize(
+    ("network", "right"),
+    [
+        ("pink", "1.000"),
+        ("blind", "0.000"),
+    ],
+)
 def test_benchmark_scores_the_network(hidden, tmp_path, command, network, right):
     """The labels are what the network that sees the lines finds."""
     labels = hidden / "stills" / "labels.jsonl"

@@ -230,7 +230,11 @@ MISFITS = {
     ),
     "wrong values": ({}, LOGITS | {"values": "logit"}, "values are logits or prob"),
     "wrong order": ({}, LOGITS | {"colour_order": "GBR"}, "colour_order is RGB or BGR"),
-    "wrong name": ({}, LOGITS | {"color": "RGB"}, "unexpected keyword argument 'color'"),
+    "wrong name": (
+        {},
+        LOGITS | {"color": "RGB"},
+        "unexpected keyword argument 'color'",
+    ),
     "no channel": ({}, LOGITS | {"channel": 7}, r"\(1, 2, 360, 640\) has no channel 7"),
     "negative channel": ({}, LOGITS | {"channel": -1}, "has no channel -1, from 0 on"),
     "no probabilities": (
@@ -304,7 +308,9 @@ def test_a_mask_that_is_turned_is_refused(shape):
         turned.find_mask(image)
 
 
-@pytest.mark.parametrize("shape", [(360, 640), (512, 512)], ids=["upright", "stretched"])
+@pytest.mark.parametrize(
+    "shape", [(360, 640), (512, 512)], ids=["upright", "stretched"]
+)
 def test_a_mask_that_is_upright_or_square_is_taken(shape):
     image = np.zeros((720, 1280, 3), np.uint8)
     source = MarkingSource(lambda _: np.zeros(shape))

@@ -50,10 +50,11 @@ def write_model(
     nodes = []
     image = "image"
     if pixels:
-        nodes.append(helper.make_node("Cast", [image], ["floats"], to=TensorProto.FLOAT))
+        kind = TensorProto.FLOAT
+        nodes.append(helper.make_node("Cast", [image], ["floats"], to=kind))
         image = "floats"
     if "input" in last:
-        nodes.append(helper.make_node("Transpose", [image], ["first"], perm=[0, 3, 1, 2]))
+        nodes.append(_transpose(image, "first", [0, 3, 1, 2]))
         image = "first"
 
     weights = []
@@ -99,9 +100,12 @@ def _nodes_of(
     if sigmoid:
         nodes.append(helper.make_node("Sigmoid", [logits], [name]))
     if channels_last:
-        turned = helper.make_node("Transpose", [logits], [name], perm=[0, 2, 3, 1])
-        nodes.append(turned)
+        nodes.append(_transpose(logits, name, [0, 2, 3, 1]))
     return nodes
+
+
+def _transpose(source: str, target: str, axes: list[int]) -> onnx.NodeProto:
+    return helper.make_node("Transpose", [source], [target], perm=axes)
 
 
 def _value(
@@ -132,7 +136,10 @@ def threshold(*colours: float, road: float = ROAD, paint: float = PAINT) -> Outp
     `paint` the weighted sums of road and paint in the input.
     """
     slope = STEEPNESS / (paint - road)
-    weights = np.zeros((2, 3, 1, 1), np.float32)
-    weights[1, :, 0, 0] = slope * np.array(colours or (1 / 3, 1 / 3, 1 / 3))
-    bias = np.array([0, -slope * (paint + road) / 2], np.float32)
-    return weights, bias
+    of_colours = colours if colours else np.full(3, 1 / 3)
+    weights = np.zeros((2, 3), np.float32)
+    weights[1] = np.multiply(slope, of_colours)
+
+    between = (paint + road) / 2
+    bias = np.array([0, -slope * between], np.float32)
+    return weights.reshape(2, 3, 1, 1), bias
