@@ -565,7 +565,7 @@ def is_alive(process: psutil.Process) -> bool:
 
 @pytest.mark.slow
 def test_an_interrupted_run_leaves_what_another_run_is_writing(drives, tmp_path):
-    """Its lock covers a part of the first drive; that of the last is of a killed run."""
+    """It locks a part of the first drive; that of the last is of a killed run."""
     output = tmp_path / "out"
     output.mkdir()
     of_other_run, _ = partial_files(output / "drive0.mp4")

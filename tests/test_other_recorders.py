@@ -566,7 +566,7 @@ def test_a_jump_of_the_clock_is_a_gap_after_which_the_tracker_starts_again(
     assert inspect_video(tmp_path / "out" / "drive.mp4").frames == 12
 
 
-# What cannot be used is named before a field of view is assumed, and nothing is written.
+# What cannot be used is named before a field of view is assumed; nothing is written.
 
 
 def cut_at(share: float) -> Callable[[Path], Path]:
@@ -581,7 +581,7 @@ def cut_at(share: float) -> Callable[[Path], Path]:
 
 
 def write_encrypted(path: Path) -> Path:
-    """The header of a bag is padded to 4096 bytes: a field takes some of the padding."""
+    """The header of a bag is padded to 4096 bytes: a field takes some of that."""
     logs.write_log(path, TINY, TINY_TIMES_S)
     version, data = path.read_bytes().split(b"\n", 1)
     field = b"\x20\0\0\0encryptor=rosbag/AesCbcEncryptor"

@@ -1,4 +1,4 @@
-"""Robot logs of each kind are read as videos; their messages say what the table says."""
+"""Robot logs of each kind are read as videos; their messages are those of the table."""
 
 from __future__ import annotations
 

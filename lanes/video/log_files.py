@@ -1,4 +1,4 @@
-"""Topics and messages of robot logs: ROS 1 bags, ROS 2 bags, and MCAP files of any kind.
+"""Topics and messages of robot logs: ROS 1 bags, ROS 2 bags, MCAP files of any kind.
 
 Libraries read what they can: rosbags the .bag files and all messages of ROS, mcap the
 MCAP files of all profiles, mcap-protobuf-support the messages in protobuf.
@@ -122,7 +122,7 @@ class LogReader:
 
 
 def is_robot_log(path: str | Path) -> bool:
-    """Whether a path is a robot log, by its name, or the folder of a ROS 2 recording."""
+    """Whether a path is a robot log, by its name, or the folder of a recording."""
     has_name = re.search(_LOG_NAMES, str(path), re.IGNORECASE)
     return bool(has_name) or is_bag_folder(path)
 
@@ -194,7 +194,7 @@ def _list_parts(folder: Path) -> list[Path]:
 
 
 def _unpack(path: Path, opened: ExitStack) -> Path:
-    """The file; if rosbag2 has compressed it, the unpacked one in a temporary folder."""
+    """The file; if rosbag2 has compressed it, an unpacked one in a temporary folder."""
     if path.suffix.lower() not in (".zstd", ".zst"):
         return path
     folder = opened.enter_context(TemporaryDirectory())

@@ -202,8 +202,8 @@ def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
         )
     if "compresseddepth" in format_.lower():
         raise VideoError(
-            f"{name} has depths ({format_!r}), not images of a camera; name the topic of "
-            "one."
+            f"{name} has depths ({format_!r}), not images of a camera; "
+            "name the topic of one."
         )
     if not len(data):
         return None
@@ -218,7 +218,7 @@ def _uncompress(data: np.ndarray, format_: str, name: str) -> np.ndarray | None:
 
 
 def _gray_conversion(format_: str, name: str) -> int:
-    """OpenCV's conversion to RGB of one channel: gray, or a mosaic of colour filters."""
+    """OpenCV's conversion to RGB of one channel: gray, or a mosaic of filters."""
     encoding = format_.partition(";")[0].strip().lower()
     pattern = encoding.rstrip("0123456789")
     if pattern in _BAYER:
@@ -226,7 +226,8 @@ def _gray_conversion(format_: str, name: str) -> int:
     if encoding.startswith("bayer"):
         known = ", ".join(_BAYER)
         raise VideoError(
-            f"{name} has the format {format_!r}, an unknown mosaic; record one of {known}."
+            f"{name} has the format {format_!r}, an unknown mosaic; "
+            f"record one of {known}."
         )
     return cv2.COLOR_GRAY2RGB
 

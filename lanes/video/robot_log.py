@@ -53,7 +53,7 @@ class LogIndex:
     fps : float
         Images per second between gaps.
     stamps_ns : ndarray of shape (N,), int
-        From the headers, since 1970; from the recording if headers have none or restart.
+        From the headers, since 1970; from the recording if they have none or restart.
     recorded_ns : ndarray of shape (N,), int
         Times of the recording.
     times_s : ndarray of shape (N,)
@@ -104,7 +104,8 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
         scan = _scan_messages(log, topic, f"{path}: {topic}")
     if scan.size is None:
         raise VideoError(
-            f"{path}: no image on {topic} can be decoded; record raw images, JPEG or PNG."
+            f"{path}: no image on {topic} can be decoded; "
+            "record raw images, JPEG or PNG."
         )
 
     stamps_ns, outliers = _usable_stamps(scan.stamps_ns, scan.recorded_ns)
@@ -137,7 +138,7 @@ def _index_log(path: Path, topic: str | None, *version: int) -> LogIndex:
 
 
 def _choose_topic(path: Path, topics: dict[str, Topic], topic: str | None) -> str:
-    """The topic, or the only one with images; raises VideoError with those there are."""
+    """The topic, or the only one with images; VideoError with those there are."""
     known = [found for found in topics.values() if found.count]
     images = sorted(found.name for found in known if _is_read(found))
     cameras = {name.removesuffix("/compressed") for name in images}
@@ -356,7 +357,7 @@ def read_log(
 
 
 def _decoded_from(log: LogIndex, first: int) -> int:
-    """The image from which on decoding shows the `first` one: a key frame of a video."""
+    """Where decoding has to begin to show the `first` image: a key frame of a video."""
     if log.key_frames is None:
         return first
     before = np.flatnonzero(log.key_frames[: first + 1])

@@ -123,7 +123,7 @@ class TestMaskBesideVisiblePaint:
 
 
 class TestMaskWithoutMarkings:
-    """Paint that is too faint for the band filter. Without our stripes there is none."""
+    """Paint that is too faint for the band filter: only our network sees it."""
 
     @pytest.fixture(scope="class")
     @classmethod

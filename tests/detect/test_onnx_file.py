@@ -1,4 +1,4 @@
-"""ONNX files as exporters write them, with the command, and files that cannot be used."""
+"""ONNX files as exporters write them, and files that cannot be used."""
 
 from __future__ import annotations
 
