@@ -15,7 +15,7 @@ EXECUTE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --execute --E
 COALESCE := $(ENV)/jupyter nbconvert --log-level WARN --to notebook --inplace --CoalesceStreamsPreprocessor.enabled=True
 INSTALL := $(ENV)/python -m pip install --quiet --disable-pip-version-check
 INSTALLED := .venv/installed.txt
-OPTIONAL := .venv/installed-cluster.txt .venv/installed-ros.txt .venv/installed-recorders.txt
+OPTIONAL := $(patsubst %,.venv/installed-%.txt,cluster network ros recorders)
 MEASURING := .venv/installed-measuring.txt
 BOOK := .venv/installed-book.txt
 COMPILE := .venv/tools/bin/uv pip compile --quiet --universal --python-version 3.11 --generate-hashes \
@@ -76,7 +76,7 @@ lint: $(INSTALLED)
 	@echo "== Import contracts (pyproject.toml)"
 	@$(ENV)/lint-imports --no-logo --no-cache
 
-check: lint
+check: lint $(OPTIONAL)
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
 	@echo "== Sizes and their budgets (pyproject.toml)"
@@ -134,8 +134,8 @@ $(INSTALLED): requirements.txt
 		print('\n'.join(extras['$*']).replace('>=', '=='))" > $@.new
 	@if cmp -s $@.new $@; then rm $@.new; else mv $@.new $@; fi
 
-# Only the tests of many drives (cluster: Dask) and of robot logs (ros: rosbags, mcap; recorders: protobuf) need these;
-# without them they are skipped.
+# Only the tests of many drives on a cluster (Dask), of networks of others, and of robot logs (ros: rosbags, mcap;
+# recorders: schemas of Foxglove) need these; without them they are skipped.
 $(OPTIONAL): .venv/installed-%.txt: .venv/extra-%.txt
 	@echo "== Installing the extra $* into .venv (once)"
 	@$(INSTALL) -r $< && cp $< $@ || echo "== The extra $* could not be installed: its tests are skipped"
@@ -146,8 +146,8 @@ $(MEASURING) $(BOOK): .venv/installed-%.txt: .venv/extra-%.txt
 	@$(INSTALL) --upgrade --target .venv/$* -r $<
 	@cp $< $@
 
-# All packages that requirements.txt, the book, Dask and the robot logs depend on, with hashes, for Python 3.11-3.14.
-lock: .venv/extra-book.txt .venv/extra-cluster.txt .venv/extra-ros.txt
+# All packages that requirements.txt, the book, Dask, networks and robot logs depend on, with hashes, for Python 3.11-3.14.
+lock: .venv/extra-book.txt .venv/extra-cluster.txt .venv/extra-network.txt .venv/extra-ros.txt
 	@$(PYTHON) -m venv .venv/tools && .venv/tools/bin/python -m pip install --quiet --disable-pip-version-check uv==0.13.9
 	@$(COMPILE) requirements.txt $^ -o requirements.lock
 

@@ -144,8 +144,8 @@ class Annotate:
     Stills are processed independently. If the camera has no pose, the pose is estimated from each drive
     and printed with its standard deviations. All stills share one camera, unless --each gives each its own.
 
-    With --workers or --scheduler, Dask annotates several videos in parallel. The next run skips finished
-    videos. A table of all videos is written (docs/many_drives.md).
+    With --workers or --scheduler (Dask) several videos are annotated in parallel. The next run skips
+    finished videos. A table of all videos is written (docs/many_drives.md).
     """
 
     SUMMARY = "draw the lane on videos and stills; write telemetry and a report"
@@ -169,7 +169,8 @@ class Annotate:
         parser.add_argument("--style", choices=tuple(STYLES), default="lane", help=words)
         parser.add_argument("--no-report", dest="report", action="store_false", help="write no HTML report")
         parser.add_argument("--quiet", action="store_true", help="print errors only")
-        many = parser.add_argument_group("many drives", "require Dask: pip install 'dask[distributed]' bokeh")
+        words = "--scheduler requires Dask: pip install 'dask[distributed]' bokeh"
+        many = parser.add_argument_group("many drives", words)
         where = many.add_mutually_exclusive_group()
         where.add_argument("--workers", type=bounded(int, 1), metavar="N", help="number of processes on this machine")
         words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"

@@ -99,39 +99,6 @@ def parse_yaml(text: str) -> Any:
     return yaml.load(text, _PlainLoader)
 
 
-def protobuf_fields(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
-    """Number, all bytes, and content of each field of a protobuf message; IndexError if it is cut off.
-
-    The content is a number, or bytes: also of numbers with a fixed length
-    (https://protobuf.dev/programming-guides/encoding).
-    """
-    at = 0
-    while at < len(data):
-        begin = at
-        tag, at = _read_varint(data, at)
-        wire, length, content = tag & 7, {1: 8, 5: 4}.get(tag & 7, 0), None
-        if wire == 0:
-            content, at = _read_varint(data, at)
-        elif wire == 2:
-            length, at = _read_varint(data, at)
-        if at + length > len(data) or not (length or wire in (0, 2)):
-            raise IndexError("a protobuf message is cut off or damaged")
-        yield tag >> 3, data[begin : at + length], data[at : at + length] if content is None else content
-        at += length
-
-
-def _read_varint(data: bytes, at: int) -> tuple[int, int]:
-    """A number of variable length, and the place behind it."""
-    number = shift = 0
-    while True:
-        number |= (data[at] & 127) << shift
-        at, shift = at + 1, shift + 7
-        if data[at - 1] < 128:
-            return number, at
-        if shift > 63:
-            raise IndexError("a protobuf message is damaged")
-
-
 def list_files(folder: str | Path) -> list[Path]:
     """The files of a folder, without hidden and partial ones.
 

@@ -18,7 +18,8 @@ import numpy as np
 from lanes.camera.model import HFOV_RANGE_DEG, LENSES, WIDE_HFOV_DEG, Camera, camera_from_dict
 from lanes.errors import CameraError, LaneError
 from lanes.files import require_file
-from lanes.ros.robot_log import index_log, is_robot_log, open_log
+from lanes.ros.log_files import is_robot_log, open_log
+from lanes.ros.robot_log import index_log
 from lanes.video.images import kind_of_file, orientation_of, upright_axes
 
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams 60 to 140.

@@ -31,7 +31,7 @@ import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
-from lanes.detect.markings import Markings, find_mask, network_log_odds
+from lanes.detect.markings import Markings, as_source, network_log_odds
 
 
 @dataclass(frozen=True)
@@ -435,14 +435,14 @@ def find_evidence(
     view : BirdsEyeView
     settings : PaintSettings
     markings : callable, optional, as for `lanes.find_lane`
-        Its mask takes the place of the other sources, unless its attribute `with_own`
-        is true. An attribute `confidence_shift` is that of the evidence.
+        Its mask takes the place of the other sources, or joins them, as a `MarkingSource` says.
     quick : bool
         Leave our network out: it takes sixty times as long as the band filter.
     """
     view_image = view.warp(image)
     band = marking_response(view_image, view, settings)
-    with_own = markings is None or getattr(markings, "with_own", False)
+    source = None if markings is None else as_source(markings)
+    with_own = source is None or source.with_own
 
     # the strengths of all sources, combined
     strength = band.strength
@@ -454,8 +454,8 @@ def find_evidence(
         strength, edges = _add_network(band.strength, image, view, settings)
         sources.append("network")
     cell_px = 1.0
-    if markings is not None:
-        mask = find_mask(image, markings)
+    if source is not None:
+        mask = source.find_mask(image)
         of_mask = _mask_strength(mask, view, settings)
         strength = np.maximum(strength, of_mask) if with_own else of_mask
         sources.append("mask")
@@ -467,7 +467,7 @@ def find_evidence(
     stripes = find_stripes(response, view, settings)
     if strength is not band.strength:
         stripes, band_strength = place(stripes, band.strength, view, settings)
-        if markings is not None:
+        if source is not None:
             stripes = _only_measured(stripes, band_strength, cell_px, settings)
     if edges is not None:
         of_edges = replace(band, strength=edges)
@@ -479,7 +479,7 @@ def find_evidence(
         response=response,
         stripes=stripes,
         sources=tuple(sources),
-        confidence_shift=float(getattr(markings, "confidence_shift", 0.0)),
+        confidence_shift=0.0 if source is None else source.confidence_shift,
         settings=settings,
     )
 

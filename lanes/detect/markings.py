@@ -1,27 +1,26 @@
-"""Networks that see lane markings: ours, and any other in an ONNX file with a YAML file (docs/own_network.md).
+"""Networks that see lane markings: ours, and any other in an ONNX file.
 
-Our network is small. It states for each cell of the bird's-eye view the probability that it is paint. A worn line and a
-row of Botts' dots are too faint in each row of the view for the band filter, but they line up over many rows. The
-network sees three rows of a finer view for each row, and its surroundings: 47 rows, and 1.8 m to either side. Its
-second output is the probability of an edge of the road. It has learned from rendered images only
-(`tools/train_marking_network.py`). It takes much longer than the band filter: the tracker uses it in five searches a
-second, while no sure lane is tracked.
+Our network is small. It states for each cell of the bird's-eye view the probability
+that it is paint. A worn line and a row of Botts' dots are too faint in each row of the
+view for the band filter, but they line up over many rows. The network sees three rows
+of a finer view for each row, and its surroundings: 47 rows, and 1.8 m to either side.
+Its second output is the probability of an edge of the road. It has learned from
+rendered images only (`tools/train_marking_network.py`). It takes much longer than the
+band filter: the tracker uses it in five searches a second, while no sure lane is
+tracked. OpenCV runs it.
 
-The mask of another network, or of any function, takes the place of our evidence, or joins it.
-
-OpenCV takes an ONNX model from memory, and would look for weights in another file in the working directory; here they
-are put into the model first. Messages and field numbers are those of onnx.proto3
-(https://github.com/onnx/onnx/blob/main/onnx/onnx.proto3).
+The mask of another network, or of any function, takes the place of our evidence, or
+joins it (docs/own_network.md). ONNX Runtime runs other networks: extra `network`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, lru_cache
-from pathlib import Path, PurePosixPath, PureWindowsPath
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import cv2
@@ -30,90 +29,229 @@ import yaml
 
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
 from lanes.errors import LaneError
-from lanes.files import parse_yaml, protobuf_fields, read_text, require_file
+from lanes.files import parse_yaml, read_text, require_file
+
+# Our network.
 
 NETWORK_FILE = Path(__file__).with_name("marking_network.onnx")
-
-
 # Rows of the finer view for each row of the view.
 FINE_ROWS = 3
-# A network keeps its input, so threads use it one after the other.
+# Largest log odds that our network states: rendered images are not real ones.
+MAX_LOG_ODDS = 6.0
+# A network of OpenCV keeps its input, so threads use it one after the other.
 _NETWORK_IN_USE = threading.Lock()
 
 
 @lru_cache(maxsize=2)
 def finer_view(view: BirdsEyeView) -> BirdsEyeView:
-    """The view with `FINE_ROWS` rows for each of its rows; their middle one is at the same distance."""
+    """The view with `FINE_ROWS` rows for each of its rows.
+
+    Their middle one is at the same distance.
+    """
     growth = (1 + view.growth) ** (1 / FINE_ROWS) - 1
     near_m = view.x_m[-1] / (1 + growth) ** (FINE_ROWS // 2)
+
     # half a row beyond the farthest one, so that rounding does not drop it
-    far_m = near_m * (1 + growth) ** (FINE_ROWS * len(view.x_m) - 0.5)
+    rows = FINE_ROWS * len(view.x_m) - 0.5
+    far_m = near_m * (1 + growth) ** rows
     return replace(view, near_m=near_m, far_m=far_m, growth=growth)
 
 
-def network_inputs(fine_image: np.ndarray, fine: BirdsEyeView, focal_px: float) -> np.ndarray:
-    """Inputs of the network (4, fine rows, columns) float32, of an image (fine rows, columns, 3) of the finer view.
+def network_inputs(
+    fine_image: np.ndarray, fine: BirdsEyeView, focal_px: float
+) -> np.ndarray:
+    """Inputs of our network for an image of the finer view.
 
-    Lightness and yellowness relative to their scatter make the response nearly independent of exposure. Lightness
-    relative to its mean shows that a faint streak on a very smooth road is not paint. The fourth input is the width of
-    a pixel in cells: far away, lines are as wide as their blur. `focal_px` is that of the raw image.
+    Lightness and yellowness relative to their scatter make the response nearly
+    independent of exposure. Lightness relative to its mean shows that a faint streak on
+    a very smooth road is not paint. The fourth input is the width of a pixel in cells:
+    far away, lines are as wide as their blur.
 
-    The weights of the network have to be trained again if one of the numbers here changes.
+    The weights of the network have to be trained again if a number here changes.
+
+    Parameters
+    ----------
+    fine_image : ndarray of shape (fine rows, columns, 3), uint8
+    fine : BirdsEyeView
+    focal_px : float
+        Focal length of the raw image.
+
+    Returns
+    -------
+    ndarray of shape (4, fine rows, columns), float32
     """
+    light = lightness(fine_image).astype(np.float32)
+    yellow = yellowness(fine_image).astype(np.float32)
+    light_mean, light_contrast, light_scatter = _local_contrast(light, fine)
+    _, yellow_contrast, yellow_scatter = _local_contrast(yellow, fine)
 
-    def window_mean(cells: np.ndarray, window_m: float) -> np.ndarray:
-        return cv2.blur(cells, (round(window_m / fine.cell_m) | 1, 15))
+    # 16 grey levels, so that black images have no contrast
+    relative = light_contrast / (light_mean + 16.0)
 
-    contrasts, means, scatters = [], [], []
-    for channel in (lightness, yellowness):
-        cells = channel(fine_image).astype(np.float32)
-        # wheel tracks are wider than the window of the mean, so they are no scatter
-        means.append(window_mean(cells, 1.05))
-        contrasts.append(cells - means[-1])
-        # OpenCV's running sums may round a zero down
-        variance = np.maximum(window_mean(contrasts[-1] ** 2, 2.5), 0)
-        # rounding and sensor noise are about two grey levels
-        scatters.append(np.sqrt(variance) + 2.0)
-    pixel_width = np.log2(1 + fine.x_m / (focal_px * fine.cell_m)).astype(np.float32)
-    relative = contrasts[0] / (means[0] + 16.0)  # grey levels, so that black images have no contrast
-    widths = np.broadcast_to(pixel_width[:, None], relative.shape)
-    return np.stack([contrasts[0] / scatters[0], contrasts[1] / scatters[1], relative, widths])
+    cells_per_pixel = fine.x_m / (focal_px * fine.cell_m)
+    pixel_width = np.log2(1 + cells_per_pixel).astype(np.float32)
+    pixel_widths = np.broadcast_to(pixel_width[:, None], relative.shape)
+
+    return np.stack(
+        [
+            light_contrast / light_scatter,
+            yellow_contrast / yellow_scatter,
+            relative,
+            pixel_widths,
+        ]
+    )
+
+
+def _local_contrast(
+    channel: np.ndarray, view: BirdsEyeView
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Local mean of a channel, contrast to it, and the scatter of the contrast."""
+    # wheel tracks are wider than the window of the mean, so they are no scatter
+    mean = _window_mean(channel, 1.05, view)
+    contrast = channel - mean
+
+    # OpenCV's running sums may round a zero down
+    variance = np.maximum(_window_mean(contrast**2, 2.5, view), 0)
+    # rounding and sensor noise are about two grey levels
+    scatter = np.sqrt(variance) + 2.0
+    return mean, contrast, scatter
+
+
+def _window_mean(
+    channel: np.ndarray, window_m: float, view: BirdsEyeView
+) -> np.ndarray:
+    columns = round(window_m / view.cell_m) | 1
+    return cv2.blur(channel, (columns, 15))
 
 
 def network_log_odds(image: np.ndarray, view: BirdsEyeView) -> np.ndarray:
-    """Log odds (2, rows, columns) float32 of paint and of road edges in the view of a raw image."""
+    """Log odds of paint and of road edges that our network states.
+
+    Parameters
+    ----------
+    image : ndarray of shape (height, width, 3), uint8
+        The raw image.
+    view : BirdsEyeView
+
+    Returns
+    -------
+    ndarray of shape (2, rows, columns), float32
+        At most `MAX_LOG_ODDS`.
+    """
     fine = finer_view(view)
     inputs = network_inputs(fine.warp(image), fine, view.focal_px)
-    # larger log odds are no more certain: rendered images are not real ones
-    return np.minimum(run_network(NETWORK_FILE, inputs[None])[0], 6.0)
+    with _NETWORK_IN_USE:
+        network = _own_network()
+        network.setInput(inputs[None])
+        (log_odds,) = network.forward()
+    return np.minimum(log_odds, MAX_LOG_ODDS)
 
 
-# From a raw RGB image (height, width, 3), uint8, to the mask of its lane markings: probabilities (rows, columns), 0 to
-# 1, of the whole image, also at a lower resolution.
-Markings = Callable[[np.ndarray], np.ndarray]
+@lru_cache(maxsize=1)
+def _own_network() -> cv2.dnn.Net:
+    # from memory: OpenCV cannot open all names of folders on Windows
+    data = np.frombuffer(NETWORK_FILE.read_bytes(), np.uint8)
+    return cv2.dnn.readNetFromONNX(data)
 
 
-def find_mask(image: np.ndarray, markings: Markings) -> np.ndarray:
-    """The mask (rows, columns) float32 that a function finds; raises LaneError if it is no mask."""
-    mask, name = np.asarray(markings(image), np.float32), getattr(markings, "__name__", markings)
-    low, high = (mask.min(), mask.max()) if mask.size else (np.nan, np.nan)
-    if mask.ndim != 2 or not (low >= -1e-3 and high <= 1 + 1e-3):  # also for NaN
-        found = f"an array of shape {mask.shape} with values from {low:g} to {high:g}"
-        raise LaneError(f"{name}: returned {found}; a mask has shape (rows, columns) and probabilities, 0 to 1.")
-    (rows, columns), (height, width) = mask.shape, image.shape[:2]
-    if not isinstance(markings, MarkingModel) and rows != columns and abs(rows * height - columns * width) < rows:
-        raise LaneError(f"{name}: returned a mask (rows, columns) {mask.shape} of an image {(height, width)}; turn it.")
-    return np.clip(mask, 0, 1)
+# Masks of other networks and of functions.
+
+# From a raw RGB image (height, width, 3), uint8, to the mask of its lane markings:
+# probabilities (rows, columns), 0 to 1, of the whole image, also at a lower resolution.
+MaskFunction = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class MarkingModel:
-    """A function of `Markings`: the network in an ONNX file with this `digest`, run as its YAML file says."""
+class MarkingSource:
+    """A function that finds lane markings, and how its mask is used.
 
-    file: Path
-    digest: str
-    with_own: bool
-    form: NetworkForm
+    Attributes
+    ----------
+    function : callable
+        From a raw RGB image (height, width, 3), uint8, to a mask (rows, columns) of
+        probabilities, 0 to 1, of the whole image, at any resolution.
+    with_own : bool
+        Whether the mask joins our evidence instead of replacing it.
+    confidence_shift : float
+        Added to the log odds of the confidence of lanes found with it.
+    """
+
+    function: MaskFunction
+    with_own: bool = False
+    confidence_shift: float = 0.0
+
+    def __str__(self) -> str:
+        return f"{self._name}{',own' if self.with_own else ''}"
+
+    @property
+    def _name(self) -> str:
+        if isinstance(self.function, OnnxNetwork):
+            return str(self.function.file)
+        return getattr(self.function, "__name__", str(self.function))
+
+    def find_mask(self, image: np.ndarray) -> np.ndarray:
+        """The mask (rows, columns) float32 of an image; LaneError if it is no mask."""
+        mask = np.asarray(self.function(image), np.float32)
+        _require_probabilities(mask, self._name)
+        if not isinstance(self.function, OnnxNetwork):
+            _require_upright(mask, image, self._name)
+        return np.clip(mask, 0, 1)
+
+
+# What the parameters `markings` take.
+Markings = MarkingSource | MaskFunction
+
+
+def as_source(markings: Markings) -> MarkingSource:
+    """A function as a source with the defaults; a source as it is."""
+    if isinstance(markings, MarkingSource):
+        return markings
+    return MarkingSource(markings)
+
+
+def _require_probabilities(mask: np.ndarray, name: str) -> None:
+    low, high = np.nan, np.nan
+    if mask.size:
+        low, high = mask.min(), mask.max()
+
+    # NaN fails the comparison
+    within = low >= -1e-3 and high <= 1 + 1e-3
+    if mask.ndim != 2 or not within:
+        raise LaneError(
+            f"{name}: returned an array of shape {mask.shape} with values from {low:g} "
+            f"to {high:g}; a mask has shape (rows, columns) and probabilities, 0 to 1."
+        )
+
+
+def _require_upright(mask: np.ndarray, image: np.ndarray, name: str) -> None:
+    """Refuse a mask with the aspect ratio of the turned image."""
+    rows, columns = mask.shape
+    height, width = image.shape[:2]
+    is_turned = abs(rows * height - columns * width) < rows
+    if rows != columns and is_turned:
+        raise LaneError(
+            f"{name}: returned a mask (rows, columns) {mask.shape} of an image "
+            f"{(height, width)}; turn it."
+        )
+
+
+# Networks in ONNX files.
+
+# Input sizes: markings are seen from the first on; the second costs half a gigabyte.
+MIN_INPUT_PX, MAX_INPUT_PX = 8, 4096
+# Types of inputs that an image is converted to, as ONNX Runtime names them.
+_TYPES: Mapping[str, Any] = {
+    "tensor(float)": np.float32,
+    "tensor(float16)": np.float16,
+    "tensor(double)": np.float64,
+    "tensor(uint8)": np.uint8,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class NetworkSettings:
+    """Entries of the YAML file beside an ONNX file: see docs/own_network.md."""
+
     input_size: Sequence[int]
     channel: int | Sequence[int]
     values: str
@@ -123,233 +261,251 @@ class MarkingModel:
     scale: float | Sequence[float] = 1 / 255
     confidence_shift: float = 0.0
 
-    def __str__(self) -> str:
-        return f"{self.file}{',own' if self.with_own else ''}"
-
-    def __call__(self, image: np.ndarray) -> np.ndarray:
-        """The mask of a raw image (height, width, 3), uint8, RGB. Raises LaneError if there is no such channel."""
-        pixels = cv2.dnn.blobFromImage(image, 1.0, self.input_size, swapRB=self.colour_order == "BGR")
-        mean, scale = (np.reshape(np.array(value, np.float32), (-1, 1, 1)) for value in (self.mean, self.scale))
-        inputs = self.form.as_input(pixels, mean, scale)
-        output = run_network(self.file, inputs, output=self.output, digest=self.digest)
-        channels, wanted = self.form.channels_of(output, self.input_size), np.ravel(self.channel)
-        if not 0 <= min(wanted) <= max(wanted) < len(channels):
-            wrong = min(wanted) if min(wanted) < 0 else max(wanted)
-            raise LaneError(f"{self.file}: its output of shape {output.shape} has no channel {wrong}, from 0 on.")
-        if self.values == "logits":
-            # a single one is the logarithm of the odds
-            logits = channels if len(channels) > 1 else np.stack([channels[0], np.zeros_like(channels[0])])
-            channels = np.exp(channels - np.logaddexp.reduce(logits))
-        return channels[wanted].sum(axis=0)
-
-
-def load_markings(name: str | Path) -> MarkingModel:
-    """The network in an ONNX file with its YAML file; if ",own" follows the name, its stripes join ours.
-
-    >>> lanes.find_lane(image, camera, markings=load_markings("model.onnx"))  # doctest: +SKIP
-
-    It is tried on a black image. Raises FileNotFoundError or LaneError if a file is missing or cannot be used.
-    """
-    file = Path(str(name).removesuffix(",own")).absolute()
-    path = require_file(file, "ONNX", error=LaneError).with_suffix(".yaml")
-    try:
-        entries = parse_yaml(read_text(path, "YAML", error=LaneError, max_bytes=100_000))
-        network = read_onnx(file)
-        digest = network.digest
-        model = MarkingModel(file, digest, str(name).endswith(",own"), network.form, **entries)
-        if not all(isinstance(size, int) and MIN_INPUT_PX <= size <= MAX_INPUT_PX for size in model.input_size):
-            raise ValueError(f"input_size is [width, height], {MIN_INPUT_PX} to {MAX_INPUT_PX} pixels each")
-        network.form.require_image_input(model.input_size)
-        if model.values not in ("logits", "probabilities") or model.colour_order not in ("RGB", "BGR"):
-            raise ValueError("values are logits or probabilities, colour_order is RGB or BGR")
-        names = read_network(file, digest).getUnconnectedOutLayersNames()
-        if model.output not in names and (model.output or len(names) > 1):
-            raise ValueError(f"the outputs are {', '.join(names)}; write `output:` and one of them")
-        find_mask(np.zeros((8, 8, 3), np.uint8), model)
-    except (yaml.YAMLError, cv2.error, FileNotFoundError, RecursionError, TypeError, ValueError) as error:
-        reason = " ".join(str(getattr(error, "err", error)).split()).rstrip(".")
-        remedy = "write what the network needs, such as `input_size: [640, 360]`, `channel: 1` and `values: logits`"
-        raise LaneError(f"{path}: cannot be used ({reason}); {remedy} (docs/own_network.md).") from error
-    return model
-
-
-def run_network(file: Path, inputs: np.ndarray, *, output: str = "", digest: str = "") -> np.ndarray:
-    """An output of the network in an ONNX file; by name if it has several. See `read_network` for `digest`."""
-    with _NETWORK_IN_USE:
-        network = read_network(file, digest)
-        network.setInput(inputs)
-        return network.forward(output)
-
-
-@lru_cache(maxsize=2)
-def read_network(file: Path, digest: str) -> cv2.dnn.Net:
-    """The network in an ONNX file, in the cache until it is called with another `digest` of the file's content.
-
-    Raises LaneError if the file has another digest.
-    """
-    # OpenCV cannot open all names of folders on Windows
-    return cv2.dnn.readNetFromONNX(np.frombuffer(read_onnx(file, digest).data, np.uint8))
-
-
-# The messages inside a message, by field number, on the way from the model to its tensors.
-_PARTS: Mapping[str, Mapping[int, str]] = {
-    "model": {7: "graph", 25: "function"},
-    "graph": {1: "node", 5: "tensor"},
-    "function": {7: "node"},
-    "node": {5: "attribute"},
-    "attribute": {5: "tensor", 6: "graph", 10: "tensor", 11: "graph"},
-}
-# Sizes of inputs, pixels: markings are seen from the first on, and the second costs half a gigabyte.
-MIN_INPUT_PX, MAX_INPUT_PX = 8, 4096
-# Types of inputs that OpenCV takes, by TensorProto.DataType.
-_TYPES = {1: np.float32, 2: np.uint8, 10: np.float16, 11: np.float64}
+    def __post_init__(self) -> None:
+        for size in self.input_size:
+            if not isinstance(size, int) or not MIN_INPUT_PX <= size <= MAX_INPUT_PX:
+                limits = f"{MIN_INPUT_PX} to {MAX_INPUT_PX} pixels each"
+                raise ValueError(f"input_size is [width, height], {limits}")
+        if self.values not in ("logits", "probabilities"):
+            raise ValueError("values are logits or probabilities")
+        if self.colour_order not in ("RGB", "BGR"):
+            raise ValueError("colour_order is RGB or BGR")
 
 
 @dataclass(frozen=True)
-class NetworkForm:
-    """Type and shape of the first input of the network in a file, with None for sizes that are free.
+class OnnxNetwork:
+    """A function from an image to the mask of its markings: a network in a file.
 
-    The shape is empty if the file does not say it.
+    `digest` is that of the model and its weights. It can be sent to other processes,
+    which open the file there.
     """
 
     file: Path
-    kind: int
-    shape: tuple[int | None, ...]
+    digest: str
+    settings: NetworkSettings
 
-    @property
-    def channels_last(self) -> bool:
-        """Whether the input is (1, height, width, 3)."""
-        return self.shape[-1:] == (3,) and self.shape[-3:-2] != (3,)
+    def __call__(self, image: np.ndarray) -> np.ndarray:
+        """The mask (rows, columns) of a raw RGB image (height, width, 3), uint8."""
+        network = open_network(self.file, self.digest)
+        inputs = self._inputs_of(image, network.get_inputs()[0])
+        names = [self.settings.output] if self.settings.output else None
+        output = network.run(names, {network.get_inputs()[0].name: inputs})[0]
+        channels = self._channels_of(output)
 
-    def require_image_input(self, size: Sequence[int]) -> None:
-        """Raise LaneError if the input is no RGB image, or has width and height of `size` exchanged."""
-        batch, image = self.shape[:-3], self.shape[-3:] or (3, None, None)
-        channels, *place = (image[2], *image[:2]) if self.channels_last else image
-        fits = len(self.shape) in (0, 3, 4) and channels in (3, None) and batch in ((), (1,), (None,))
-        if self.kind not in _TYPES or not fits:
-            found = f"of type {self.kind} and shape {_words(self.shape)}"
-            raise LaneError(
-                f"{self.file}: its input is {found}; a network for markings takes one RGB image, (1, 3, height, width) "
-                "or (1, height, width, 3), as float or uint8."
-            )
-        if place == list(size) and size[0] != size[1]:
-            width, height = place[1], place[0]
-            raise LaneError(f"{self.file}: its input is {width} wide and {height} high; input_size is [width, height].")
+        wanted = np.ravel(self.settings.channel)
+        for channel in wanted:
+            if not 0 <= channel < len(channels):
+                raise LaneError(
+                    f"{self.file}: its output of shape {output.shape} has no channel "
+                    f"{channel}, from 0 on."
+                )
+        if self.settings.values == "logits":
+            channels = _softmax(channels)
+        return channels[wanted].sum(axis=0)
 
-    def as_input(self, pixels: np.ndarray, mean: np.ndarray, scale: np.ndarray) -> np.ndarray:
-        """The input, from RGB or BGR `pixels` (1, 3, height, width) and the mean and scale (-1, 1, 1) of its colours.
+    def _inputs_of(self, image: np.ndarray, expected: Any) -> np.ndarray:
+        """The image as the network's first input, which is `expected`."""
+        swap = self.settings.colour_order == "BGR"
+        pixels = cv2.dnn.blobFromImage(
+            image, 1.0, self.settings.input_size, swapRB=swap
+        )
+        mean = np.reshape(np.array(self.settings.mean, np.float32), (-1, 1, 1))
+        scale = np.reshape(np.array(self.settings.scale, np.float32), (-1, 1, 1))
 
-        Raises LaneError if whole numbers would be scaled.
+        if expected.type == "tensor(uint8)":
+            is_usual = np.isin(np.round(scale * 255), (1, 255)).all()
+            if mean.any() or not is_usual:
+                raise LaneError(
+                    f"{self.file}: its input is uint8, the pixels as they are; "
+                    "omit mean and scale."
+                )
+            values = pixels
+        else:
+            values = (pixels - mean) * scale
+
+        if _has_channels_last(expected.shape):
+            values = np.moveaxis(values, 1, 3)
+        if len(expected.shape) == 3:
+            values = values[0]
+        return np.ascontiguousarray(values, dtype=_TYPES[expected.type])
+
+    def _channels_of(self, output: np.ndarray) -> np.ndarray:
+        """The channels (channels, rows, columns) of an output, channels first or last.
+
+        Raises LaneError if it has not the aspect ratio of the input.
         """
-        if self.kind == 2:
-            if mean.any() or not np.isin(np.round(scale * 255), (1, 255)).all():
-                raise LaneError(f"{self.file}: its input is uint8, the pixels as they are; omit mean and scale.")
-            mean, scale = np.zeros(1, np.float32), np.ones(1, np.float32)
-        values = ((pixels - mean) * scale).astype(_TYPES[self.kind])
-        values = np.moveaxis(values, 1, 3) if self.channels_last else values
-        return np.ascontiguousarray(values[0] if len(self.shape) == 3 else values)
-
-    def channels_of(self, output: np.ndarray, size: Sequence[int]) -> np.ndarray:
-        """The channels (channels, rows, columns) of an output for an input of `size` (width, height).
-
-        Raises LaneError if the output has not the shape of an image with the aspect ratio of the input.
-        """
-        width, height = size
-        channels = output[0] if output.ndim == 4 else output[None] if output.ndim == 2 else output
+        width, height = self.settings.input_size
+        channels = output[0] if output.ndim == 4 else output
+        channels = channels[None] if channels.ndim == 2 else channels
         if channels.ndim == 3:
             for found in (channels, np.moveaxis(channels, 2, 0)):
                 rows, columns = found.shape[1:]
-                if min(abs(rows - columns * height / width), abs(columns - rows * width / height)) <= 1:
+                too_high = abs(rows - columns * height / width)
+                too_wide = abs(columns - rows * width / height)
+                if min(too_high, too_wide) <= 1:
                     return found
         raise LaneError(
-            f"{self.file}: its output of shape {output.shape} is no mask of its input, {width}x{height} pixels; "
-            "expected (1, channels, rows, columns) or (1, rows, columns, channels) with the aspect ratio of the input."
+            f"{self.file}: its output of shape {output.shape} is no mask of its input, "
+            f"{width}x{height} pixels; expected (1, channels, rows, columns) or "
+            "(1, rows, columns, channels) with the aspect ratio of the input."
         )
 
 
-@dataclass(frozen=True, eq=False)
-class OnnxFile:
-    """A model with all its weights, the sha256 `digest` of both, and the form of its input."""
+def _softmax(logits: np.ndarray) -> np.ndarray:
+    """Probabilities of the channels; a single one is the logarithm of the odds."""
+    compared = logits
+    if len(logits) == 1:
+        compared = np.concatenate([logits, np.zeros_like(logits)])
+    return np.exp(logits - np.logaddexp.reduce(compared))
 
-    data: bytes
-    digest: str
-    form: NetworkForm
 
+def load_markings(name: str | Path) -> MarkingSource:
+    """The network in an ONNX file with its YAML file.
 
-def read_onnx(file: Path, digest: str = "") -> OnnxFile:
-    """The model in a file with its weights; LaneError if it is damaged, or has another digest than `digest`, if any."""
-    read = cache(lambda location: _read_weights(file, location))
+    If ",own" follows the name, its stripes join ours. It is tried on a black image.
+
+    >>> markings = load_markings("model.onnx")  # doctest: +SKIP
+    >>> lanes.find_lane(image, camera, markings=markings)  # doctest: +SKIP
+
+    Raises
+    ------
+    FileNotFoundError, LaneError
+        If a file is missing or cannot be used, or a package of the extra `network` is
+        not installed.
+    """
+    file = Path(str(name).removesuffix(",own")).absolute()
+    with_own = str(name).endswith(",own")
+    path = require_file(file, "ONNX", error=LaneError).with_suffix(".yaml")
+    _import_onnx(file)
     try:
-        data = _embed("model", require_file(file, "ONNX", error=LaneError).read_bytes(), read)
-        form = NetworkForm(file, *_first_input(data))
-    except LaneError:
-        raise
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
-        raise LaneError(f"{file}: cannot parse onnx: it is cut off, or no ONNX file; export it again.") from error
-    found = hashlib.sha256(data).hexdigest()
-    if digest not in ("", found):
-        raise LaneError(f"{file}: changed during the run, or differs between machines; use one file for a run.")
-    return OnnxFile(data, found, form)
+        settings = _read_settings(path)
+        network = OnnxNetwork(file, read_onnx(file)[1], settings)
+        _require_fit(network)
+        source = MarkingSource(network, with_own, float(settings.confidence_shift))
+        source.find_mask(np.zeros((8, 8, 3), np.uint8))
+    except Exception as error:  # the libraries raise many types
+        reason = " ".join(str(getattr(error, "err", error)).split()).rstrip(".")
+        raise LaneError(
+            f"{path}: cannot be used ({reason}); write what the network needs, such as "
+            "`input_size: [640, 360]`, `channel: 1` and `values: logits` "
+            "(docs/own_network.md)."
+        ) from error
+    return source
 
 
-def _read_weights(file: Path, location: str) -> bytes:
-    """A file of weights beside the model, as ONNX demands; a name that leads elsewhere is refused."""
-    path = PurePosixPath(location)
-    if not location or path.is_absolute() or ".." in path.parts or PureWindowsPath(location).drive:
-        raise LaneError(f"{file}: names weights outside of its folder ({location!r}); export it again.")
-    return require_file(file.parent / path, "weights", error=LaneError).read_bytes()
+def _read_settings(path: Path) -> NetworkSettings:
+    text = read_text(path, "YAML", error=LaneError, max_bytes=100_000)
+    entries = parse_yaml(text)
+    if not isinstance(entries, dict):
+        raise yaml.YAMLError(
+            "its content must be a mapping, `name: value` in each line"
+        )
+    return NetworkSettings(**entries)
 
 
-def _embed(kind: str, data: bytes, read: Callable[[str], bytes]) -> bytes:
-    """A message with the weights that its tensors have in other files; the same bytes if they have none."""
-    if kind == "tensor":
-        return _embed_tensor(data, read)
-    pieces, changed = [], False
-    for number, whole, content in protobuf_fields(data):
-        if (part := _PARTS[kind].get(number)) and isinstance(content, bytes):
-            new = _embed(part, content, read)
-            changed |= new is not content
-            whole = _field(number, new) if new is not content else whole
-        pieces.append(whole)
-    return b"".join(pieces) if changed else data
+def _require_fit(network: OnnxNetwork) -> None:
+    """Refuse a network that takes no image, or an output that it does not have."""
+    session = open_network(network.file, network.digest)
+    expected = session.get_inputs()[0]
+    shape = [size if isinstance(size, int) else None for size in expected.shape]
+    _require_image_input(network.file, expected.type, shape)
+
+    height_and_width = shape[-3:-1] if _has_channels_last(shape) else shape[-2:]
+    width, height = network.settings.input_size
+    if height_and_width == [width, height] and width != height:
+        raise LaneError(
+            f"{network.file}: its input is {height} wide and {width} high; "
+            "input_size is [width, height]."
+        )
+
+    names = [output.name for output in session.get_outputs()]
+    wanted = network.settings.output
+    if wanted not in names and (wanted or len(names) > 1):
+        outputs = ", ".join(names)
+        raise ValueError(f"the outputs are {outputs}; write `output:` and one of them")
 
 
-def _embed_tensor(data: bytes, read: Callable[[str], bytes]) -> bytes:
-    fields = list(protobuf_fields(data))
-    if not any(number == 14 and content == 1 for number, _, content in fields):  # data_location: EXTERNAL
-        return data
-    entries = [dict(_fields_of(content)) for number, _, content in fields if number == 13]
-    where = {entry[1].decode(): entry[2].decode() for entry in entries}
-    weights, begin = read(where["location"]), int(where.get("offset", 0))
-    end = begin + int(where["length"]) if "length" in where else len(weights)
-    if not 0 <= begin <= end <= len(weights):
-        raise LaneError(f"its weights in {where['location']} are cut off; copy both files again.")
-    return b"".join(whole for number, whole, _ in fields if number not in (13, 14)) + _field(9, weights[begin:end])
+def _require_image_input(file: Path, kind: str, shape: Sequence[int | None]) -> None:
+    """Refuse a first input that is no RGB image; without a shape it may be one."""
+    channels = shape[-1] if _has_channels_last(shape) else shape[-3] if shape else None
+    is_single = list(shape[:-3]) in ([], [1], [None])
+    has_shape = len(shape) in (0, 3, 4) and channels in (3, None)
+    if kind not in _TYPES or not has_shape or not is_single:
+        sizes = ", ".join("any" if size is None else str(size) for size in shape)
+        raise LaneError(
+            f"{file}: its input is {kind} of shape ({sizes}); a network for markings "
+            "takes one RGB image, (1, 3, height, width) or (1, height, width, 3), as "
+            "float or uint8."
+        )
 
 
-def _first_input(data: bytes) -> tuple[int, tuple[int | None, ...]]:
-    """Type and shape of the first input of a model that is no weight."""
-    (graph,) = (content for number, content in _fields_of(data) if number == 7)
-    weights = {dict(_fields_of(content)).get(8) for number, content in _fields_of(graph) if number == 5}
-    inputs = [dict(_fields_of(content)) for number, content in _fields_of(graph) if number == 11]
-    (value, *_) = (value for value in inputs if value.get(1) not in weights)
-    tensor = dict(_fields_of(dict(_fields_of(value[2]))[1]))
-    sizes = [dict(_fields_of(content)).get(1) for _, content in _fields_of(tensor.get(2, b""))]
-    return tensor.get(1, 1), tuple(size or None for size in sizes)
+def _has_channels_last(shape: Sequence[Any]) -> bool:
+    """Whether an input is (1, height, width, 3)."""
+    return len(shape) >= 3 and shape[-1] == 3 and shape[-3] != 3
 
 
-def _fields_of(data: bytes) -> Iterator[tuple[int, Any]]:
-    return ((number, content) for number, _, content in protobuf_fields(data))
+@lru_cache(maxsize=2)
+def open_network(file: Path, digest: str) -> Any:
+    """ONNX Runtime's session of the network in a file, as it was with this digest.
+
+    It is cached until it is called with another digest. Raises LaneError if the file
+    has another one.
+    """
+    onnxruntime = _import_onnx(file)
+    data, found = read_onnx(file)
+    if found != digest:
+        raise LaneError(
+            f"{file}: changed during the run, or differs between machines; "
+            "use one file for a run."
+        )
+    options = onnxruntime.SessionOptions()
+    # as OpenCV: a worker of many drives has one thread
+    options.intra_op_num_threads = cv2.getNumThreads()
+    options.inter_op_num_threads = 1
+    options.use_deterministic_compute = True
+    # layouts for one kind of CPU round differently, and TwinLiteNet takes 0.69 s
+    # instead of 0.40 s with them (one thread of an Intel Xeon, ONNX Runtime 1.32)
+    levels = onnxruntime.GraphOptimizationLevel
+    options.graph_optimization_level = levels.ORT_ENABLE_EXTENDED
+    # errors are raised; they need not be printed as well
+    options.log_severity_level = 4
+    providers = ["CPUExecutionProvider"]
+    return onnxruntime.InferenceSession(data, options, providers=providers)
 
 
-def _field(number: int, content: bytes) -> bytes:
-    head = b""
-    for value in (number << 3 | 2, len(content)):
-        while value > 127:
-            head, value = head + bytes([value & 127 | 128]), value >> 7
-        head += bytes([value])
-    return head + content
+def read_onnx(file: Path) -> tuple[bytes, str]:
+    """The model in a file with the weights in its folder, and the digest of both.
+
+    The package `onnx` refuses weights that are cut off, or in another folder. It reads
+    all weights into the model, so that what is run is what has the digest.
+    """
+    import onnx
+
+    require_file(file, "ONNX", error=LaneError)
+    model = onnx.load(file)
+    data = model.SerializeToString(deterministic=True)
+    return data, hashlib.sha256(data).hexdigest()
 
 
-def _words(shape: tuple[int | None, ...]) -> str:
-    return f"({', '.join('any' if size is None else str(size) for size in shape)})"
+def runtime_versions(markings: Markings) -> dict[str, str]:
+    """Versions of what runs a network, by name; empty for a function."""
+    if not isinstance(as_source(markings).function, OnnxNetwork):
+        return {}
+    try:
+        import onnxruntime
+    except ImportError:
+        return {"ONNX Runtime": "missing"}
+    return {"ONNX Runtime": onnxruntime.__version__}
+
+
+def _import_onnx(file: Path) -> Any:
+    """The package `onnxruntime`; LaneError if the extra `network` is not installed."""
+    try:
+        import onnx  # noqa: F401  # reads the file
+        import onnxruntime
+    except ImportError as error:
+        raise LaneError(
+            f"{file}: networks of others need two packages ({error}); "
+            "run `pip install onnx onnxruntime`."
+        ) from error
+    return onnxruntime

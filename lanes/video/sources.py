@@ -14,7 +14,7 @@ import numpy as np
 
 from lanes.errors import VideoError
 from lanes.files import MESSAGES_SUFFIX, NO_PERMISSION, list_files, require_no_input_among
-from lanes.ros.robot_log import is_bag_folder, is_robot_log
+from lanes.ros.log_files import is_bag_folder, is_robot_log
 from lanes.video.images import kind_of_file, natural_key, read_image, read_orientation
 from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
 

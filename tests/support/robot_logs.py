@@ -1,4 +1,7 @@
-"""Small robot logs for tests, written with rosbags: ROS 1 bags, ROS 2 bags (folders) and their bare files."""
+"""Small robot logs for tests, written with rosbags.
+
+ROS 1 bags, ROS 2 bags (folders) and their bare files.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,10 @@ BEGIN_NS = 1_700_000_000_250_000_000
 # Images of one shade each, and the times of a log of them.
 TINY = [np.full((8, 12, 3), 20 * number, np.uint8) for number in range(6)]
 TINY_TIMES_S = np.arange(6) / 10
-ROS1, ROS2 = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_HUMBLE)
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+ROS2 = get_typestore(Stores.ROS2_HUMBLE)
+# (time of the recording in ns, message) of each message on a topic.
+Messages = Sequence[tuple[int, Any]]
 
 
 def stamps_at(times_s: Sequence[float]) -> list[int]:
@@ -38,7 +44,8 @@ def file_of(path: Path) -> Path:
 
 def shades(path: Path, **options: Any) -> list[float]:
     """Mean grey of each frame."""
-    return [float(frame.image.mean()) for frame in read_timed_frames(path, **options)]
+    frames = read_timed_frames(path, **options)
+    return [float(frame.image.mean()) for frame in frames]
 
 
 def make_header(stamp_ns: int, types: Any = ROS2.types) -> Any:
@@ -47,23 +54,47 @@ def make_header(stamp_ns: int, types: Any = ROS2.types) -> Any:
     return types["std_msgs/msg/Header"](**first, stamp=stamp, frame_id="camera")
 
 
-def make_image(image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: Any = ROS2.types) -> Any:
-    """A raw image message, in rgb8 or bgr8; or a compressed one, if the encoding is a suffix."""
-    header, (height, width) = make_header(stamp_ns, types), image.shape[:2]
+def make_image(
+    image: np.ndarray, stamp_ns: int, encoding: str = "rgb8", types: Any = ROS2.types
+) -> Any:
+    """A raw image message, in rgb8 or bgr8; compressed if the encoding is a suffix."""
+    header = make_header(stamp_ns, types)
     if encoding.startswith("."):
-        data = cv2.imencode(encoding, cv2.cvtColor(image, cv2.COLOR_RGB2BGR))[1].ravel()
-        return types["sensor_msgs/msg/CompressedImage"](header, f"rgb8; {encoding[1:]} compressed bgr8", data)
+        bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+        _, data = cv2.imencode(encoding, bgr)
+        format_ = f"rgb8; {encoding[1:]} compressed bgr8"
+        return types["sensor_msgs/msg/CompressedImage"](header, format_, data.ravel())
+
+    height, width = image.shape[:2]
     pixels = image[..., ::-1] if encoding == "bgr8" else image
-    return types["sensor_msgs/msg/Image"](header, height, width, encoding, 0, 3 * width, pixels.ravel())
+    return types["sensor_msgs/msg/Image"](
+        header=header,
+        height=height,
+        width=width,
+        encoding=encoding,
+        is_bigendian=0,
+        step=3 * width,
+        data=pixels.ravel(),
+    )
 
 
-def stamp_images(images: Sequence[np.ndarray], stamps: Sequence[int], *options: Any) -> list[tuple[int, Any]]:
-    """(header stamp, message) of each image, as many as there are of both; `options` are those of `make_image`."""
-    return [(stamp, make_image(image, stamp, *options)) for image, stamp in zip(images, stamps, strict=False)]
+def stamp_images(
+    images: Sequence[np.ndarray], stamps_ns: Sequence[int], *options: Any
+) -> list[tuple[int, Any]]:
+    """(header stamp, message) of each image, as many as there are of both.
+
+    `options` are those of `make_image`.
+    """
+    made = []
+    for image, stamp_ns in zip(images, stamps_ns, strict=False):
+        made.append((stamp_ns, make_image(image, stamp_ns, *options)))
+    return made
 
 
-def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **changes: Any) -> Any:
-    """The calibration of a camera as a message; `changes` are fields by their names in ROS 2."""
+def make_camera_info(
+    camera: Camera, stamp_ns: int, types: Any = ROS2.types, **changes: Any
+) -> Any:
+    """The calibration of a camera; `changes` are fields by their names in ROS 2."""
     fields: dict[str, Any] = {
         "header": make_header(stamp_ns, types),
         "height": camera.height,
@@ -77,34 +108,51 @@ def make_camera_info(camera: Camera, stamp_ns: int, types: Any = ROS2.types, **c
         "binning_y": 0,
         "roi": types["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False),
     }
-    return types["sensor_msgs/msg/CameraInfo"](*(fields | changes).values())
+    fields |= changes
+    # some are upper case in ROS 1
+    return types["sensor_msgs/msg/CameraInfo"](*fields.values())
 
 
 def write_messages(
-    path: Path, topics: Mapping[str, Sequence[tuple[int, Any]]], *, mcap: bool = False, compression: str = "NONE"
+    path: Path,
+    topics: Mapping[str, Messages],
+    *,
+    mcap: bool = False,
+    compression: str = "NONE",
 ) -> Path:
-    """Write (time of the recording in ns, message) of each topic to a log of the kind of its suffix; returns the path.
+    """Write messages to a log of the kind of the path's suffix; returns the path.
 
-    Without a suffix it is the folder of a ROS 2 bag, in SQLite or MCAP, with a `compression` of rosbag2 by its name.
+    Without a suffix it is the folder of a ROS 2 bag, in SQLite or MCAP, with a
+    `compression` of rosbag2 by its name.
     """
-    ros1, mcap = path.suffix == ".bag", mcap or path.suffix.lower() == ".mcap"
-    plugin = rosbag2.StoragePlugin.MCAP if mcap else rosbag2.StoragePlugin.SQLITE3
+    if path.suffix == ".bag":
+        with rosbag1.Writer(path) as bag:
+            _write_topics(bag, topics, ROS1, ROS1.serialize_ros1)
+        return path
+
+    is_mcap = mcap or path.suffix.lower() == ".mcap"
+    plugin = rosbag2.StoragePlugin.MCAP if is_mcap else rosbag2.StoragePlugin.SQLITE3
+    mode = rosbag2.CompressionMode[compression]
     with tempfile.TemporaryDirectory() as parent:
         folder = Path(parent, "log") if path.suffix else path
-        bag = rosbag1.Writer(path) if ros1 else rosbag2.Writer(folder, version=9, storage_plugin=plugin)
-        store = ROS1 if ros1 else ROS2
-        if not ros1:
-            bag.set_compression(rosbag2.CompressionMode[compression], rosbag2.CompressionFormat.ZSTD)
-        serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
-        with bag as writer:
-            for topic, messages in topics.items():
-                kind = messages[0][1].__msgtype__
-                connection = writer.add_connection(topic, kind, typestore=store)
-                for time_ns, message in messages:
-                    writer.write(connection, time_ns, serialize(message, kind))
-        if path.suffix and not ros1:
+        bag = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+        bag.set_compression(mode, rosbag2.CompressionFormat.ZSTD)
+        with bag:
+            _write_topics(bag, topics, ROS2, ROS2.serialize_cdr)
+        if path.suffix:
             shutil.copyfile(folder / f"log{path.suffix.lower()}", path)
     return path
+
+
+def _write_topics(
+    bag: Any, topics: Mapping[str, Messages], store: Any, serialize: Any
+) -> None:
+    for topic, messages in topics.items():
+        _, first = messages[0]
+        kind = first.__msgtype__
+        connection = bag.add_connection(topic, kind, typestore=store)
+        for time_ns, message in messages:
+            bag.write(connection, time_ns, serialize(message, kind))
 
 
 def write_log(
@@ -118,16 +166,23 @@ def write_log(
     topic: str = "/camera/image_raw",
     **changes: Any,
 ) -> Path:
-    """Write a log of images with header stamps at `times_s`, or `stamps_ns`; recorded later, and irregularly.
+    """Write a log of images with header stamps at `times_s`, or `stamps_ns`.
 
-    With a camera also its `camera_info`, which has `changes`.
+    They are recorded later, and irregularly. With a camera the log also has its
+    `camera_info`, which has `changes`.
     """
     types = (ROS1 if path.suffix == ".bag" else ROS2).types
-    stamps = stamps_at(times_s) if stamps_ns is None else stamps_ns
+    if stamps_ns is None:
+        stamps_ns = stamps_at(times_s)
     if recorded_ns is None:
-        recorded_ns = [stamp + 90_000_000 + 7_000_000 * (number % 2) for number, stamp in enumerate(stamps)]
-    made = (message for _, message in stamp_images(images, stamps, "rgb8", types))
-    topics = {topic: list(zip(recorded_ns, made, strict=True))}
+        recorded_ns = []
+        for number, stamp_ns in enumerate(stamps_ns):
+            recorded_ns.append(stamp_ns + 90_000_000 + 7_000_000 * (number % 2))
+
+    made = stamp_images(images, stamps_ns, "rgb8", types)
+    messages = [message for _, message in made]
+    topics = {topic: list(zip(recorded_ns, messages, strict=True))}
     if camera:
-        topics["/camera/camera_info"] = [(recorded_ns[0], make_camera_info(camera, stamps[0], types, **changes))]
+        info = make_camera_info(camera, stamps_ns[0], types, **changes)
+        topics["/camera/camera_info"] = [(recorded_ns[0], info)]
     return write_messages(path, topics)
