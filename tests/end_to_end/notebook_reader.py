@@ -107,6 +107,20 @@ def exercises() -> list[tuple[str, str, str]]:
     return found
 
 
+def solved_notebook() -> nbformat.NotebookNode:
+    """The notebook with each folded solution in place of its starter, and without outputs."""
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    solutions = {check_line: solution for _, check_line, solution in exercises()}
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            cell.outputs = []
+            cell.execution_count = None
+            check = CHECK_LINE.search(cell.source)
+            if check:
+                cell.source = f"{solutions[check.group(0)]}\n{check.group(0)}"
+    return notebook
+
+
 def source(cell: dict) -> str:
     return "".join(cell["source"])
 
