@@ -81,13 +81,13 @@ lint: $(INSTALLED)
 check: lint
 	@echo "== Quick unit tests"
 	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(QUICK_TESTS) -m "not slow" -n 2 --dist loadfile
-	@echo "== Sizes and their budgets (pyproject.toml)"
-	@$(ENV)/python -m tools.budgets
+	@echo "== Sizes and their ceilings (pyproject.toml)"
+	@$(ENV)/python -m tools.sizes
 
 test: lint $(OPTIONAL) $(BOOK)
 	@echo "== All tests, and the notebook against its committed outputs (some minutes)"
-	@began=$$(date +%s) && env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile \
-		&& $(ENV)/python -m tools.budgets $$(( $$(date +%s) - began ))
+	@env -u LANES_DATA OMP_NUM_THREADS=1 $(ENV)/python -m pytest $(ALL_TESTS) -n 2 --dist loadfile
+	@$(ENV)/python -m tools.sizes
 
 # Runs the code of the students: docs/teaching.md says how to isolate it.
 grade: $(INSTALLED)
@@ -98,12 +98,12 @@ fuzz: $(INSTALLED)
 	@echo "== Random pictures, files, drives and filter steps: ten times as many as in make test (some minutes)"
 	@LANES_FUZZ=10 $(ENV)/python -m pytest $(shell grep -rl 'from tests.support.examples import' tests)
 
-# One process, without the speed tests: counting lines is slow.
+# One process.
 # Python imports `sitecustomize` at every start, so that commands run as processes are counted too.
 coverage: $(MEASURING) $(OPTIONAL)
 	@rm -f .coverage .coverage.*
 	@echo "import coverage; coverage.process_startup()" > .venv/measuring/sitecustomize.py
-	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest $(ALL_TESTS) --ignore=tests/end_to_end/test_engine_speed.py
+	@env -u LANES_DATA $(COVERAGE_ENV) OMP_NUM_THREADS=1 $(ENV)/python -m coverage run -m pytest $(ALL_TESTS)
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage combine --quiet
 	@$(COVERAGE_ENV) $(ENV)/python -m coverage report --fail-under=95
 

@@ -22,15 +22,19 @@ def require(fulfilled: object, sentence: str) -> None:
 
 
 def tried(answer: Answer | None) -> Answer:
-    """The answer; the starter of an exercise is None, or a function that returns None."""
+    """The answer; the starter is None, or a function that returns None."""
     if answer is None:
         raise HintError("not tried yet.")
     return answer
 
 
 def require_shape(answer: Any, shape: tuple[int, ...], what: str) -> Any:
-    """The answer as an array of this shape, or as a number if that is (); `what` is the sentence for another shape."""
-    require(np.shape(answer) == shape, f"{what}; yours has the shape {np.shape(answer)}.")
+    """The answer as an array of this shape, or as a number if that is (); `what` is the
+    sentence for another shape.
+    """
+    require(
+        np.shape(answer) == shape, f"{what}; yours has the shape {np.shape(answer)}."
+    )
     return np.asarray(answer, float)[()]
 
 
@@ -46,10 +50,14 @@ def require_equal(
 ) -> None:
     """Raise a `HintError` unless the numbers found are the true ones.
 
-    It is the sentence of the mistake that leads to the numbers found, else `otherwise`, after the words `said`.
+    It is the sentence of the mistake that leads to the numbers found, else `otherwise`,
+    after the words `said`.
     """
     for sentence, numbers in {"": true, **mistakes}.items():
-        if np.shape(found) == np.shape(numbers) and np.isclose(found, numbers, rtol, atol).all():
+        if (
+            np.shape(found) == np.shape(numbers)
+            and np.isclose(found, numbers, rtol, atol).all()
+        ):
             require(not sentence, said + sentence)
             return
     raise HintError(said + otherwise)

@@ -1,8 +1,9 @@
-"""Grade notebooks of students: run each with nbval, and print which exercises are passed.
+"""Grade notebooks of students: run each with nbval, and print which exercises are
+passed.
 
-The notebooks are code of strangers, which is executed: docs/teaching.md says how to isolate it.
-A notebook is run in a temporary copy of the course. Exit status 0 if every exercise is passed
-and all other cells are those of the course, else 1.
+The notebooks are code of strangers, which is executed: docs/teaching.md says how to
+isolate it. A notebook is run in a temporary copy of the course. Exit status 0 if every
+exercise is passed and all other cells are those of the course, else 1.
 """
 
 from __future__ import annotations
@@ -31,11 +32,22 @@ NAME_WIDTH, RESULT_WIDTH, TABLE_WIDTH = 13, 18, 100
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command."""
     notebooks = "notebook of a student, or folder: all notebooks in it and below"
-    parser.add_argument("notebooks", nargs="+", type=Path, metavar="NOTEBOOK", help=notebooks)
+    parser.add_argument(
+        "notebooks", nargs="+", type=Path, metavar="NOTEBOOK", help=notebooks
+    )
     table = "also write the table to this file"
     parser.add_argument("--csv", type=Path, metavar="FILE", help=table)
-    timeout = "a cell that runs longer than this is interrupted and is wrong (default: %(default)g s)"
-    parser.add_argument("--cell-timeout", type=bounded(float, 1), default=300.0, metavar="S", help=timeout)
+    timeout = (
+        "a cell that runs longer than this is interrupted and is wrong "
+        "(default: %(default)g s)"
+    )
+    parser.add_argument(
+        "--cell-timeout",
+        type=bounded(float, 1),
+        default=300.0,
+        metavar="S",
+        help=timeout,
+    )
 
 
 def run(options: argparse.Namespace) -> int:
@@ -52,12 +64,16 @@ def run(options: argparse.Namespace) -> int:
         print(summarize(path, verdicts, course))
     if options.csv:
         write_csv(options.csv, graded)
-    every_verdict_is_good = all(verdict.good for verdicts in graded.values() for verdict in verdicts)
+    every_verdict_is_good = all(
+        verdict.good for verdicts in graded.values() for verdict in verdicts
+    )
     return 0 if every_verdict_is_good else 1
 
 
 def find_notebooks(given: list[Path]) -> Iterator[Path]:
-    """The notebooks named, and those in the folders named. Raises FileNotFoundError for a folder without any."""
+    """The notebooks named, and those in the folders named. Raises FileNotFoundError for
+    a folder without any.
+    """
     for path in given:
         if not path.is_dir():
             yield path
@@ -65,18 +81,23 @@ def find_notebooks(given: list[Path]) -> Iterator[Path]:
         inside = sorted(path.rglob("*.ipynb"))
         inside = [found for found in inside if ".ipynb_checkpoints" not in found.parts]
         if not inside:
-            raise FileNotFoundError(f"{path}: has no notebooks (.ipynb); name the folder with those handed in.")
+            remedy = "name the folder of those handed in"
+            raise FileNotFoundError(f"{path}: has no notebooks (.ipynb); {remedy}.")
         yield from inside
 
 
 def describe_verdicts(path: Path, verdicts: list[Verdict]) -> str:
-    """The rows of a notebook: exercise, result and message, wrapped to the width of a terminal."""
+    """The rows of a notebook: exercise, result and message, wrapped to the width of a
+    terminal.
+    """
     lines = [str(path)]
     indent = " " * (2 + NAME_WIDTH + RESULT_WIDTH)
     for verdict in verdicts:
         begin = f"  {verdict.exercise:{NAME_WIDTH}}{verdict.result:{RESULT_WIDTH}}"
         message = " ".join(verdict.message.split())
-        row = textwrap.fill(message, TABLE_WIDTH, initial_indent=begin, subsequent_indent=indent)
+        row = textwrap.fill(
+            message, TABLE_WIDTH, initial_indent=begin, subsequent_indent=indent
+        )
         lines.append(row or begin)
     return "\n".join(lines)
 
@@ -85,7 +106,8 @@ def summarize(path: Path, verdicts: list[Verdict], course: Course) -> str:
     """One line for a notebook."""
     passed = sum(verdict.result == PASSED for verdict in verdicts)
     other_cells = verdicts[-1]
-    return f"{path}: {passed} of {len(course.exercises)} passed; other cells {other_cells.result}"
+    count = len(course.exercises)
+    return f"{path}: {passed} of {count} passed; other cells {other_cells.result}"
 
 
 def write_csv(path: Path, graded: dict[Path, list[Verdict]]) -> None:
@@ -95,7 +117,9 @@ def write_csv(path: Path, graded: dict[Path, list[Verdict]]) -> None:
     writer.writerow(["notebook", "exercise", "result", "message"])
     for notebook, verdicts in graded.items():
         for verdict in verdicts:
-            writer.writerow([notebook, verdict.exercise, verdict.result, verdict.message])
+            writer.writerow(
+                [notebook, verdict.exercise, verdict.result, verdict.message]
+            )
     write_atomically(path, table.getvalue().encode(errors="replace"))
 
 

@@ -1,9 +1,10 @@
-"""Pytest plugin: what nbval finds in each cell, as a line of JSON, as soon as the cell is done.
+"""Pytest plugin: what nbval finds in each cell, as a line of JSON, as soon as the cell
+is done.
 
     python -m pytest --nbval -p course.grading.nbval_record notebook.ipynb
 
-The environment variable NBVAL_RECORD names the file. nbval notices that a kernel died only at the timeout of the cell;
-with this plugin it notices within a second.
+The environment variable NBVAL_RECORD names the file. nbval notices that a kernel died
+only at the timeout of the cell; with this plugin it notices within a second.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ _wait_for_reply = RunningKernel.await_reply
 
 
 def await_reply(kernel: RunningKernel, msg_id: str, timeout: float) -> None:
-    """Wait for the end of a cell. Raises Empty after `timeout` seconds, RuntimeError if the kernel is dead."""
+    """Wait for the end of a cell. Raises Empty after `timeout` seconds, RuntimeError if
+    the kernel is dead.
+    """
     end_s = time.monotonic() + timeout
     while True:
         try:

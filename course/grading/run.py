@@ -20,8 +20,10 @@ from course.exercises.check import GRADING
 from course.grading.nbval_record import RECORD
 
 # What the notebook imports and reads.
-COURSE_FOLDERS = "lanes simulator benchmark course camera_cal test_images test_videos".split()
-# Time beyond that of a cell: the start of a kernel on a loaded machine, and nbval's own attempts to stop a cell.
+PACKAGES = ("lanes", "simulator", "benchmark", "course")
+DATA = ("camera_cal", "test_images", "test_videos")
+# Time beyond that of a cell: the start of a kernel on a loaded machine, and nbval's own
+# attempts to stop a cell.
 PATIENCE_S = 120.0
 # Variables of the teacher's shell that would change what the notebook does.
 OWN_VARIABLES = ("LANES_DATA", "MPLBACKEND", "PYTHONPATH", "PYTEST_ADDOPTS")
@@ -31,8 +33,9 @@ OWN_VARIABLES = ("LANES_DATA", "MPLBACKEND", "PYTHONPATH", "PYTEST_ADDOPTS")
 class CellResult:
     """What nbval found in a cell.
 
-    `failed` is None or the reason, `error` the name of the exception and `error_text` its message, `printed` the text
-    on stdout. `ended` is False if the cell did not end by itself and took the kernel with it.
+    `failed` is None or the reason, `error` the name of the exception and `error_text`
+    its message, `printed` the text on stdout. `ended` is False if the cell did not end
+    by itself and took the kernel with it.
     """
 
     failed: str | None
@@ -45,11 +48,15 @@ class CellResult:
 NOT_RUN = CellResult("was not run", error=None, error_text="", printed="", ended=True)
 
 
-def run_cells(cells: Sequence[nbformat.NotebookNode], *, cell_timeout_s: float) -> list[CellResult]:
-    """Run code cells in grading mode, in a temporary copy of the course; returns a result for each.
+def run_cells(
+    cells: Sequence[nbformat.NotebookNode], *, cell_timeout_s: float
+) -> list[CellResult]:
+    """Run code cells in grading mode, in a temporary copy of the course; returns a
+    result for each.
 
-    A cell that runs longer than `cell_timeout_s` is interrupted. After a cell that ends the kernel, or cannot be
-    interrupted, the others are `NOT_RUN`. Raises OSError if nbval runs no cell at all.
+    A cell that runs longer than `cell_timeout_s` is interrupted. After a cell that ends
+    the kernel, or cannot be interrupted, the others are `NOT_RUN`. Raises OSError if
+    nbval runs no cell at all.
     """
     with tempfile.TemporaryDirectory(prefix="grading-") as name:
         folder = Path(name)
@@ -62,14 +69,16 @@ def run_cells(cells: Sequence[nbformat.NotebookNode], *, cell_timeout_s: float) 
         _run_nbval(folder, record, log, cell_timeout_s)
         if cells and not record.stat().st_size:
             said = log.read_text(errors="replace")[-2000:]
-            raise OSError(f"nbval ran no cell in {cell_timeout_s + PATIENCE_S:.0f} s; it said:\n{said}")
+            raise OSError(f"nbval ran no cell, not even the first; it said:\n{said}")
         return _read_record(record, len(cells))
 
 
 def _copy_course(folder: Path) -> None:
-    """Copy what the notebook needs, so that it cannot overwrite the teacher's files by accident."""
+    """Copy what the notebook needs, so that it cannot overwrite the teacher's files by
+    accident.
+    """
     shutil.copy2(PROJECT_ROOT / "helpers.py", folder)
-    for name in COURSE_FOLDERS:
+    for name in PACKAGES + DATA:
         shutil.copytree(PROJECT_ROOT / name, folder / name)
     (folder / "output_images").mkdir()
     # Without a file of its own, pytest would look for one in the folders above.
@@ -77,28 +86,49 @@ def _copy_course(folder: Path) -> None:
 
 
 def _run_nbval(folder: Path, record: Path, log: Path, cell_timeout_s: float) -> None:
-    """Run nbval on the notebook in `folder`. A run without progress is ended with all processes that it started."""
-    environment = {name: value for name, value in os.environ.items() if name not in OWN_VARIABLES}
+    """Run nbval on the notebook in `folder`. A run without progress is ended with all
+    processes that it started.
+    """
+    environment = {
+        name: value for name, value in os.environ.items() if name not in OWN_VARIABLES
+    }
     environment |= {GRADING: "1", RECORD: str(record), "JUPYTER_PLATFORM_DIRS": "1"}
     command = [sys.executable, "-m", "pytest", "--nbval", "--nbval-current-env"]
-    command += ["--nbval-cell-timeout", str(cell_timeout_s), "-p", "course.grading.nbval_record"]
-    command += ["-p", "no:cacheprovider", "-p", "no:randomly", "-p", "no:xdist", "submission.ipynb"]
-    with log.open("wb") as output, subprocess.Popen(
-        command,
-        cwd=folder,
-        env=environment,
-        stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=subprocess.STDOUT,
-    ) as process:
+    command += [
+        "--nbval-cell-timeout",
+        str(cell_timeout_s),
+        "-p",
+        "course.grading.nbval_record",
+    ]
+    command += [
+        "-p",
+        "no:cacheprovider",
+        "-p",
+        "no:randomly",
+        "-p",
+        "no:xdist",
+        "submission.ipynb",
+    ]
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            command,
+            cwd=folder,
+            env=environment,
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        )
         try:
             _wait(process, record, cell_timeout_s + PATIENCE_S)
         finally:
             _end(process)
+            process.wait()
 
 
 def _wait(process: subprocess.Popen, record: Path, most_s: float) -> None:
-    """Wait for the end of a process, as long as it writes to its record at least every `most_s`."""
+    """Wait for the end of a process, as long as it writes to its record at least every
+    `most_s`.
+    """
     written_bytes = -1
     while record.stat().st_size > written_bytes:
         written_bytes = record.stat().st_size
@@ -144,5 +174,7 @@ def _read_record(record: Path, count: int) -> list[CellResult]:
     unfinished = len(lines)
     if kernel_alive and unfinished < count:
         stopped = "did not end and could not be interrupted"
-        results[unfinished] = CellResult(stopped, error=None, error_text="", printed="", ended=False)
+        results[unfinished] = CellResult(
+            stopped, error=None, error_text="", printed="", ended=False
+        )
     return results

@@ -24,7 +24,9 @@ class SubmissionError(ValueError):
 
 @dataclass(frozen=True)
 class Exercise:
-    """An exercise of the course: its number, the call that checks it, and its cell as handed out."""
+    """An exercise of the course: its number, the call that checks it, and its cell as
+    handed out.
+    """
 
     number: str
     call: str
@@ -33,7 +35,9 @@ class Exercise:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """The committed notebook: its exercises by number, and its other code cells by their source."""
+    """The committed notebook: its exercises by number, and its other code cells by
+    their source.
+    """
 
     exercises: dict[str, Exercise]
     other_cells: dict[str, nbformat.NotebookNode]
@@ -41,10 +45,12 @@ class Course:
 
 @dataclass(frozen=True, eq=False)
 class SubmittedCell:
-    """A code cell as it is run: a cell of the course, a student's exercise, or a student's own cell.
+    """A code cell as it is run: a cell of the course, a student's exercise, or a
+    student's own cell.
 
-    `exercise` is the number of the exercise, and `of_course` says that the cell is one of the course, unchanged.
-    `changed_call` says that the call of `check_exercise` is not that of the course.
+    `exercise` is the number of the exercise, and `of_course` says that the cell is one
+    of the course, unchanged. `changed_call` says that the call of `check_exercise` is
+    not that of the course.
     """
 
     cell: nbformat.NotebookNode
@@ -55,13 +61,17 @@ class SubmittedCell:
 
 @dataclass(frozen=True, eq=False)
 class Submission:
-    """The code cells of a student's notebook in their order, and the names of course cells that are missing."""
+    """The code cells of a student's notebook in their order, and the names of course
+    cells that are missing.
+    """
 
     cells: list[SubmittedCell]
     missing: list[str]
 
     def with_starter(self, index: int, course: Course) -> Submission:
-        """The same submission with the starter of the course in the exercise cell `index`."""
+        """The same submission with the starter of the course in the exercise cell
+        `index`.
+        """
         number = self.cells[index].exercise
         assert number is not None
         starter = _exercise_cell(course.exercises[number].starter)
@@ -71,18 +81,21 @@ class Submission:
 
 
 def read_notebook(path: Path) -> nbformat.NotebookNode:
-    """Read a notebook. Raises SubmissionError if it is missing, damaged or no notebook."""
+    """Read a notebook. Raises SubmissionError if it is missing or damaged."""
     try:
         notebook = nbformat.read(path, as_version=4)
         kinds_and_sources = [(cell.cell_type, cell.source) for cell in notebook.cells]
-    # nbformat raises what it meets in damaged JSON: errors of keys, attributes and types
+    # nbformat raises what it meets in damaged JSON: errors of keys, attributes and
+    # types
     except Exception as error:
         raise SubmissionError(
             f"{path}: cannot be read as a notebook ({type(error).__name__}: {error}); "
             "ask for the file again."
         ) from error
     if not all(isinstance(source, str) for _, source in kinds_and_sources):
-        raise SubmissionError(f"{path}: has a cell without text; ask for the file again.")
+        raise SubmissionError(
+            f"{path}: has a cell without text; ask for the file again."
+        )
     return notebook
 
 
@@ -104,8 +117,8 @@ def read_course(path: Path) -> Course:
 def read_submission(path: Path, course: Course) -> Submission:
     """Read a student's notebook. Raises SubmissionError if it cannot be read.
 
-    A cell of the course gets the outputs of the course, whatever was saved, so that nbval compares with those. All
-    other cells are run without a comparison.
+    A cell of the course gets the outputs of the course, whatever was saved, so that
+    nbval compares with those. All other cells are run without a comparison.
     """
     cells = []
     for cell in _code_cells(read_notebook(path)):
@@ -122,7 +135,9 @@ def read_submission(path: Path, course: Course) -> Submission:
         else:
             cells.append(SubmittedCell(_unrun_cell(_NBVAL_COMMENT.sub("", source))))
     there = {cell.cell.source for cell in cells if cell.of_course}
-    missing = [ours.id for ours in course.other_cells.values() if ours.source not in there]
+    missing = [
+        ours.id for ours in course.other_cells.values() if ours.source not in there
+    ]
     return Submission(cells, missing)
 
 
@@ -133,7 +148,9 @@ def _code_cells(notebook: nbformat.NotebookNode) -> Iterator[nbformat.NotebookNo
 
 
 def _normal(source: str) -> str:
-    """The source without spaces at the ends of lines, which some editors remove, and in one form of line ends."""
+    """The source without spaces at the ends of lines, which some editors remove, and in
+    one form of line ends.
+    """
     lines = [line.rstrip() for line in source.splitlines()]
     return "\n".join(lines).strip("\n")
 

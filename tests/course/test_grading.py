@@ -1,4 +1,6 @@
-"""Grading: a small course of two exercises, and notebooks of students who did this and that with it."""
+"""Grading: a small course of two exercises, and notebooks of students who did this and
+that with it.
+"""
 
 from __future__ import annotations
 
@@ -19,12 +21,15 @@ from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, solved_noteboo
 # Exercises that are quick and need nothing of the cells before.
 FIRST, SECOND = "9.1", "14.1"
 STARTERS = {
-    FIRST: "def pitch_error_deg(seen_width_m, distance_m, height_m, true_width_m):\n    return None",
-    SECOND: "def largest_share(confidence, right, least):\n    return None",
+    FIRST: "def pitch_error_deg(*given):\n    return None",
+    SECOND: "def largest_share(*given):\n    return None",
 }
 CALLS = {number: call for number, call, _ in exercises()}
 SOLUTIONS = {number: solution for number, _, solution in exercises()}
-SETUP, LAST = "import numpy as np\n\nimport course\n\nprint(2 + 3)", "print(np.arange(3))"
+SETUP, LAST = (
+    "import numpy as np\n\nimport course\n\nprint(2 + 3)",
+    "print(np.arange(3))",
+)
 CELL_TIMEOUT_S = 120
 
 Answers = dict[str, str | None]
@@ -37,15 +42,27 @@ def executed(source: str, printed: str, name: str) -> nbformat.NotebookNode:
 
 def exercise_cell(number: str, answer: str) -> nbformat.NotebookNode:
     """A cell whose saved output says that the answer is correct."""
-    cell = executed(f"{answer}\n\n{CALLS[number]}", f"{number}: correct, as saved.\n", f"ex{number[0]}")
+    cell = executed(
+        f"{answer}\n\n{CALLS[number]}",
+        f"{number}: correct, as saved.\n",
+        f"ex{number[0]}",
+    )
     cell.metadata["tags"] = EXERCISE_TAGS
     return cell
 
 
 def small_notebook(answers: Answers) -> nbformat.NotebookNode:
     """The small course with these answers; an exercise without its cell for None."""
-    answered = [exercise_cell(number, answer) for number, answer in answers.items() if answer is not None]
-    cells = [executed(SETUP, "5\n", "setup"), *answered, executed(LAST, "[0 1 2]\n", "last")]
+    answered = [
+        exercise_cell(number, answer)
+        for number, answer in answers.items()
+        if answer is not None
+    ]
+    cells = [
+        executed(SETUP, "5\n", "setup"),
+        *answered,
+        executed(LAST, "[0 1 2]\n", "last"),
+    ]
     return v4.new_notebook(cells=cells)
 
 
@@ -54,17 +71,25 @@ Grade = Callable[..., dict[str, tuple[str, str]]]
 
 @pytest.fixture
 def grade(tmp_path) -> Grade:
-    """A function that grades a notebook, or a text in its place: exercise to (result, message)."""
+    """A function that grades a notebook, or a text in its place: exercise to (result,
+    message).
+    """
     nbformat.write(small_notebook(STARTERS), tmp_path / "course.ipynb")
     course = read_course(tmp_path / "course.ipynb")
 
     def grade(
-        handed_in: nbformat.NotebookNode | str, *, cell_timeout_s: float = CELL_TIMEOUT_S
+        handed_in: nbformat.NotebookNode | str,
+        *,
+        cell_timeout_s: float = CELL_TIMEOUT_S,
     ) -> dict[str, tuple[str, str]]:
         text = handed_in if isinstance(handed_in, str) else nbformat.writes(handed_in)
         (tmp_path / "student.ipynb").write_text(text)
-        verdicts = grade_notebook(tmp_path / "student.ipynb", course, cell_timeout_s=cell_timeout_s)
-        return {verdict.exercise: (verdict.result, verdict.message) for verdict in verdicts}
+        verdicts = grade_notebook(
+            tmp_path / "student.ipynb", course, cell_timeout_s=cell_timeout_s
+        )
+        return {
+            verdict.exercise: (verdict.result, verdict.message) for verdict in verdicts
+        }
 
     return grade
 
@@ -108,13 +133,19 @@ def test_an_exercise_whose_cell_was_deleted_is_not_tried(grade):
 
 def test_an_answer_that_raises_is_wrong(grade):
     graded = grade(small_notebook(SOLUTIONS_OF_BOTH | {FIRST: "1 / 0"}))
-    assert graded[FIRST] == ("wrong", "the cell raised ZeroDivisionError: division by zero")
+    assert graded[FIRST] == (
+        "wrong",
+        "the cell raised ZeroDivisionError: division by zero",
+    )
     assert graded[SECOND][0] == "passed"
 
 
 @pytest.mark.slow
 def test_an_endless_answer_is_stopped_and_the_others_are_graded(grade):
-    graded = grade(small_notebook(SOLUTIONS_OF_BOTH | {FIRST: "while True:\n    pass"}), cell_timeout_s=15)
+    graded = grade(
+        small_notebook(SOLUTIONS_OF_BOTH | {FIRST: "while True:\n    pass"}),
+        cell_timeout_s=15,
+    )
     assert graded[FIRST][0] == "wrong"
     assert "did not end" in graded[FIRST][1]
     assert graded[SECOND][0] == "passed"
@@ -122,14 +153,19 @@ def test_an_endless_answer_is_stopped_and_the_others_are_graded(grade):
 
 @pytest.mark.slow
 def test_an_answer_that_ends_the_kernel_is_wrong_and_the_others_are_graded(grade):
-    graded = grade(small_notebook(SOLUTIONS_OF_BOTH | {FIRST: "import os\n\nos._exit(3)"}))
+    graded = grade(
+        small_notebook(SOLUTIONS_OF_BOTH | {FIRST: "import os\n\nos._exit(3)"})
+    )
     assert graded[FIRST][0] == "wrong"
     assert "the kernel died" in graded[FIRST][1]
     assert graded[SECOND][0] == "passed"
     assert graded[OTHER_CELLS][0] == "as in the course"
 
 
-@pytest.mark.parametrize("text", ["", '{"cells": [{"cell_type": "code"', "[]", '{"cells": [3], "nbformat": 4}'])
+@pytest.mark.parametrize(
+    "text",
+    ["", '{"cells": [{"cell_type": "code"', "[]", '{"cells": [3], "nbformat": 4}'],
+)
 def test_a_damaged_notebook_is_not_graded(grade, text):
     graded = grade(text)
     assert {result for result, _ in graded.values()} == {"not graded"}
@@ -138,8 +174,12 @@ def test_a_damaged_notebook_is_not_graded(grade, text):
 
 def test_the_call_of_the_check_must_stay(grade):
     notebook = small_notebook(SOLUTIONS_OF_BOTH)
-    notebook.cells[1].source = notebook.cells[1].source.replace(CALLS[FIRST], f'print("{FIRST}: correct, 1.")')
-    notebook.cells[2].source = notebook.cells[2].source.replace("largest_share)", "lambda *given: 1)")
+    notebook.cells[1].source = notebook.cells[1].source.replace(
+        CALLS[FIRST], f'print("{FIRST}: correct, 1.")'
+    )
+    notebook.cells[2].source = notebook.cells[2].source.replace(
+        "largest_share)", "lambda *given: 1)"
+    )
     graded = grade(notebook)
     assert graded[FIRST] == ("not tried", "there is no cell with this exercise.")
     assert graded[SECOND][0] == "wrong"
@@ -163,9 +203,13 @@ def test_changed_cells_of_the_course_are_named(grade):
 
 
 def test_other_outputs_of_the_course_are_named_whatever_was_saved(grade):
-    """A cell of the student's own changes what a cell of the course prints; the saved output hides it."""
+    """A cell of the student's own changes what a cell of the course prints; the saved
+    output hides it.
+    """
     notebook = small_notebook(SOLUTIONS_OF_BOTH)
-    notebook.cells.insert(3, v4.new_code_cell("np = type('', (), {'arange': lambda n: n})"))
+    notebook.cells.insert(
+        3, v4.new_code_cell("np = type('', (), {'arange': lambda n: n})")
+    )
     result, message = grade(notebook)[OTHER_CELLS]
     assert result == "differ"
     assert message == "last: Cell outputs differ"
@@ -196,14 +240,23 @@ def test_the_command_prints_and_writes_a_table(small_project, capsys):
     grades = small_project / "grades.csv"
     assert command.main(["--csv", str(grades), str(handed_in)]) == 1
     printed = capsys.readouterr().out.splitlines()
-    assert printed[-2].endswith("anna.ipynb: 2 of 2 passed; other cells as in the course")
-    assert printed[-1].endswith("ben.ipynb: 0 of 2 passed; other cells as in the course")
+    assert printed[-2].endswith(
+        "anna.ipynb: 2 of 2 passed; other cells as in the course"
+    )
+    assert printed[-1].endswith(
+        "ben.ipynb: 0 of 2 passed; other cells as in the course"
+    )
     rows = list(csv.DictReader(grades.open()))
-    assert [row["result"] for row in rows if row["exercise"] == FIRST] == ["passed", "not tried"]
+    assert [row["result"] for row in rows if row["exercise"] == FIRST] == [
+        "passed",
+        "not tried",
+    ]
 
 
 def test_the_exit_status_is_0_if_all_pass(small_project):
-    nbformat.write(small_notebook(SOLUTIONS_OF_BOTH), small_project / "handed_in" / "anna.ipynb")
+    nbformat.write(
+        small_notebook(SOLUTIONS_OF_BOTH), small_project / "handed_in" / "anna.ipynb"
+    )
     assert command.main([str(small_project / "handed_in")]) == 0
 
 
@@ -220,7 +273,9 @@ def test_in_grading_mode_a_wrong_answer_is_an_error(monkeypatch, answer):
 
 
 @pytest.mark.slow
-def test_the_whole_course_passes_with_its_folded_solutions_and_cleared_outputs(tmp_path, capsys):
+def test_the_whole_course_passes_with_its_folded_solutions_and_cleared_outputs(
+    tmp_path, capsys
+):
     nbformat.write(solved_notebook(), tmp_path / "solved.ipynb")
     assert command.main([str(tmp_path / "solved.ipynb")]) == 0, capsys.readouterr().out
     count = len(read_course(NOTEBOOK).exercises)

@@ -16,6 +16,7 @@ import psutil
 import pytest
 
 from simulator.processes import map_ordered, run_all
+from tests.support.command_line import WAIT_S
 from tests.support.project import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("sigint")]
@@ -35,12 +36,13 @@ def write_slowly(path: Path) -> None:
     """Write a file, wait for the interrupt, remove the file."""
     try:
         path.write_text("unfinished")
-        time.sleep(60)
+        # longer than any test waits
+        time.sleep(10 * WAIT_S)
     finally:
         path.unlink()
 
 
-def wait_for(condition, *, seconds: float = 20.0) -> None:
+def wait_for(condition, *, seconds: float = WAIT_S) -> None:
     until = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < until
@@ -98,7 +100,7 @@ def test_an_interrupt_ends_all_processes_without_output_or_files_of_theirs(writi
     # As the terminal does it: to the whole group.
     os.killpg(writing.pid, signal.SIGINT)
     # Returns when the last process that can still write has ended.
-    _, said = writing.communicate(timeout=20)
+    _, said = writing.communicate(timeout=WAIT_S)
     assert said.count("Traceback") == 1 and said.rstrip().endswith("KeyboardInterrupt")
     assert list(tmp_path.iterdir()) == []
 
