@@ -16,15 +16,23 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+import nbformat
+
 from benchmark.evaluation import PROJECT_ROOT
 from course.grading.grade import PASSED, Verdict, grade_notebook
-from course.grading.submission import Course, read_course
+from course.grading.submission import (
+    Course,
+    read_course,
+    read_notebook,
+    without_solutions,
+)
 from lanes.console import bounded, run_command, run_program
 from lanes.files import write_atomically
 
 EXAMPLES = """\
   {program} anna.ipynb ben.ipynb
-  {program} --csv grades.csv handed_in/"""
+  {program} --csv grades.csv handed_in/
+  {program} --hand-out for_students.ipynb"""
 
 NAME_WIDTH, RESULT_WIDTH, TABLE_WIDTH = 13, 18, 100
 
@@ -33,8 +41,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the options of this command."""
     notebooks = "notebook of a student, or folder: all notebooks in it and below"
     parser.add_argument(
-        "notebooks", nargs="+", type=Path, metavar="NOTEBOOK", help=notebooks
+        "notebooks", nargs="*", type=Path, metavar="NOTEBOOK", help=notebooks
     )
+    hand_out = "write the course without its folded solutions to this file and exit"
+    parser.add_argument("--hand-out", type=Path, metavar="FILE", help=hand_out)
     table = "also write the table to this file"
     parser.add_argument("--csv", type=Path, metavar="FILE", help=table)
     timeout = (
@@ -51,19 +61,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Grade, print the table and write the file."""
-    course = read_course(PROJECT_ROOT / "project.ipynb")
+    """Grade, print the table and write the file; or write the notebook to hand out."""
+    notebook = PROJECT_ROOT / "project.ipynb"
+    if options.hand_out:
+        for_students = without_solutions(read_notebook(notebook))
+        write_atomically(options.hand_out, nbformat.writes(for_students).encode())
+        return 0
     paths = list(find_notebooks(options.notebooks))
+    if not paths:
+        raise ValueError("no notebook is named; name notebooks, or a folder of them.")
+
+    course = read_course(notebook)
     graded: dict[Path, list[Verdict]] = {}
     for path in paths:
         graded[path] = grade_notebook(path, course, cell_timeout_s=options.cell_timeout)
         print(describe_verdicts(path, graded[path]), flush=True)
+        # after each notebook, because some take minutes
+        if options.csv:
+            write_csv(options.csv, graded)
 
     print()
     for path, verdicts in graded.items():
         print(summarize(path, verdicts, course))
-    if options.csv:
-        write_csv(options.csv, graded)
     every_verdict_is_good = all(
         verdict.good for verdicts in graded.values() for verdict in verdicts
     )

@@ -55,7 +55,9 @@ def grade_notebook(
     except SubmissionError as error:
         unread = [Verdict(number, NOT_GRADED) for number in course.exercises]
         return [*unread, Verdict(OTHER_CELLS, NOT_GRADED, str(error))]
-    results = run_submission(submission, course, cell_timeout_s=cell_timeout_s)
+    results = run_submission(
+        submission, course, media=path.parent, cell_timeout_s=cell_timeout_s
+    )
     verdicts = [
         judge_exercise(number, submission, results) for number in course.exercises
     ]
@@ -63,9 +65,9 @@ def grade_notebook(
 
 
 def run_submission(
-    submission: Submission, course: Course, *, cell_timeout_s: float
+    submission: Submission, course: Course, *, media: Path, cell_timeout_s: float
 ) -> list[CellResult]:
-    """A result for each cell.
+    """A result for each cell; `media` is the folder with the student's own images.
 
     If an answer ends the kernel, the notebook is run again without this answer, so that
     the others are graded.
@@ -73,17 +75,26 @@ def run_submission(
     ended_kernel: dict[int, CellResult] = {}
     while True:
         cells = [submitted.cell for submitted in submission.cells]
-        results = run_cells(cells, cell_timeout_s=cell_timeout_s)
-        for index, result in enumerate(results):
-            of_answer = submission.cells[index].exercise is not None
-            if not result.ended and of_answer and index not in ended_kernel:
-                ended_kernel[index] = result
-                submission = submission.with_starter(index, course)
-                break
-        else:
-            return [
-                ended_kernel.get(index, result) for index, result in enumerate(results)
-            ]
+        results = run_cells(cells, media=media, cell_timeout_s=cell_timeout_s)
+        index = _answer_that_ended_the_kernel(submission, results)
+        if index is None or index in ended_kernel:
+            break
+        ended_kernel[index] = results[index]
+        submission = submission.with_starter(index, course)
+
+    for index, result in ended_kernel.items():
+        results[index] = result
+    return results
+
+
+def _answer_that_ended_the_kernel(
+    submission: Submission, results: list[CellResult]
+) -> int | None:
+    """The index of its cell; None if there is no such answer."""
+    for index, result in enumerate(results):
+        if not result.ended and submission.cells[index].exercise:
+            return index
+    return None
 
 
 def judge_exercise(

@@ -48,19 +48,31 @@ class CellResult:
 NOT_RUN = CellResult("was not run", error=None, error_text="", printed="", ended=True)
 
 
+# What a student may need beside the notebook: an image or a video of a road.
+MEDIA = (".jpg", ".jpeg", ".png", ".mp4", ".mov", ".avi", ".mkv", ".webm")
+
+
 def run_cells(
-    cells: Sequence[nbformat.NotebookNode], *, cell_timeout_s: float
+    cells: Sequence[nbformat.NotebookNode], *, media: Path, cell_timeout_s: float
 ) -> list[CellResult]:
     """Run code cells in grading mode, in a temporary copy of the course; returns a
     result for each.
 
-    A cell that runs longer than `cell_timeout_s` is interrupted. After a cell that ends
+    Images and videos of the folder `media` are copied along. A cell that runs longer
+    than `cell_timeout_s` is interrupted. After a cell that ends
     the kernel, or cannot be interrupted, the others are `NOT_RUN`. Raises OSError if
     nbval runs no cell at all.
     """
-    with tempfile.TemporaryDirectory(prefix="grading-") as name:
+    # A process that the student's code left behind may still write.
+    temporary = tempfile.TemporaryDirectory(
+        prefix="grading-", ignore_cleanup_errors=True
+    )
+    with temporary as name:
         folder = Path(name)
         _copy_course(folder)
+        for file in media.iterdir():
+            if file.suffix.lower() in MEDIA and file.is_file():
+                shutil.copy(file, folder)
         notebook = nbformat.v4.new_notebook(cells=list(cells))
         nbformat.write(notebook, folder / "submission.ipynb")
         record = folder / "record.jsonl"

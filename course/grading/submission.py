@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import nbformat
 
 # The call that checks an exercise is the last statement of its cell.
-_CALL = re.compile(r'^(?:_ = )?course\.check_exercise\(\s*"([\d.]+)".*', re.M | re.S)
+CHECK_CALL = re.compile(r'^course\.check_exercise\(\s*"([\d.]+)".*', re.M | re.S)
+# The folded solution stands in the text below the exercise.
+SOLUTION = re.compile(r"<details>\s*<summary>Solution</summary>.*?</details>", re.S)
 # A copy of a cell may have a changed call, which is looked for less strictly.
 _NUMBER = re.compile(r"""check_exercise\(\s*["']([\d.]+)["']""")
 # Comments that tell nbval to skip a cell, or to accept its error.
@@ -105,7 +108,7 @@ def read_course(path: Path) -> Course:
     other_cells = {}
     for cell in _code_cells(read_notebook(path)):
         source = _normal(cell.source)
-        call = _CALL.search(source)
+        call = CHECK_CALL.search(source)
         if call:
             number = call.group(1)
             exercises[number] = Exercise(number, call.group(0), source)
@@ -139,6 +142,15 @@ def read_submission(path: Path, course: Course) -> Submission:
         ours.id for ours in course.other_cells.values() if ours.source not in there
     ]
     return Submission(cells, missing)
+
+
+def without_solutions(notebook: nbformat.NotebookNode) -> nbformat.NotebookNode:
+    """A copy of the course to hand out: without the folded solutions."""
+    copy = deepcopy(notebook)
+    for cell in copy.cells:
+        if cell.cell_type == "markdown":
+            cell.source = SOLUTION.sub("", cell.source)
+    return copy
 
 
 def _code_cells(notebook: nbformat.NotebookNode) -> Iterator[nbformat.NotebookNode]:

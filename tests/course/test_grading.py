@@ -15,7 +15,7 @@ from nbformat import v4
 from course.exercises.check import WrongAnswerError, check_exercise
 from course.grading import __main__ as command
 from course.grading.grade import OTHER_CELLS, grade_notebook
-from course.grading.submission import EXERCISE_TAGS, read_course
+from course.grading.submission import EXERCISE_TAGS, read_course, read_submission
 from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, solved_notebook
 
 # Exercises that are quick and need nothing of the cells before.
@@ -263,6 +263,25 @@ def test_the_exit_status_is_0_if_all_pass(small_project):
 def test_a_folder_without_notebooks_is_named(small_project, capsys):
     assert command.main([str(small_project / "handed_in")]) == 2
     assert "handed_in: has no notebooks" in capsys.readouterr().err
+
+
+def test_the_notebook_to_hand_out_has_all_but_the_solutions(tmp_path):
+    for_students = tmp_path / "for_students.ipynb"
+    assert command.main(["--hand-out", str(for_students)]) == 0
+    course = read_course(NOTEBOOK)
+    assert read_submission(for_students, course).missing == []
+    assert read_course(for_students).exercises == course.exercises
+    prose = for_students.read_text()
+    assert "<summary>Answer</summary>" in prose
+    assert "<summary>Solution</summary>" not in prose
+
+
+def test_an_image_beside_the_notebook_can_be_read(grade, tmp_path):
+    (tmp_path / "road.JPG").write_bytes(b"x")
+    answer = f"assert open('road.JPG').read() == 'x'\n{SOLUTIONS[FIRST]}"
+    assert (
+        grade(small_notebook(SOLUTIONS_OF_BOTH | {FIRST: answer}))[FIRST][0] == "passed"
+    )
 
 
 @pytest.mark.parametrize("answer", [None, lambda *given: 1 / 0, lambda *given: -1.0])

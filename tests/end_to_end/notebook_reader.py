@@ -19,6 +19,7 @@ import nbformat
 import pytest
 from nbval.plugin import IPyNbCell, IPyNbFile
 
+from course.grading.submission import CHECK_CALL
 from tests.course.wrong_answers import WRONG_ANSWERS, wrong_code
 from tests.support.project import ROOT
 
@@ -30,7 +31,6 @@ SLOW_CALLS = re.compile(
     r"calibrate|process_video|VideoFileClip|follow\(|score_|explain|\btrack\("
 )
 SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
-CHECK_LINE = re.compile(r'^(?:_ = )?course\.check_exercise\("([\d.]+)".*', re.M | re.S)
 # Nobody sees the figures of these checks, so they are drawn, but not turned into JPEG.
 WITHOUT_JPEG = """
 get_ipython().run_line_magic("matplotlib", "agg")
@@ -129,7 +129,7 @@ def exercises() -> list[tuple[str, str, str]]:
     """
     found = []
     for cell, after in pairwise(CELLS):
-        check = CHECK_LINE.search(source(cell)) if cell["cell_type"] == "code" else None
+        check = CHECK_CALL.search(source(cell)) if cell["cell_type"] == "code" else None
         if check:
             solution = SOLUTION.search(source(after))
             found.append(
@@ -148,7 +148,7 @@ def solved_notebook() -> nbformat.NotebookNode:
         if cell.cell_type == "code":
             cell.outputs = []
             cell.execution_count = None
-            check = CHECK_LINE.search(cell.source)
+            check = CHECK_CALL.search(cell.source)
             if check:
                 cell.source = f"{solutions[check.group(0)]}\n{check.group(0)}"
     return notebook

@@ -18,11 +18,10 @@ import course
 import helpers
 import lanes
 from course.exercises.check import CHECKS
-from course.grading.submission import EXERCISE_TAGS
+from course.grading.submission import CHECK_CALL, EXERCISE_TAGS
 from tests.end_to_end.nbval_plugin import figure_fault
 from tests.end_to_end.notebook_reader import (
     CELLS,
-    CHECK_LINE,
     NOTEBOOK,
     exercises,
     source,
@@ -57,7 +56,7 @@ def test_is_executed_from_top_to_bottom_without_errors():
 # Cells that print milliseconds, which differ in each run.
 TIMING_CELLS = {"ch08-30"}
 EXERCISE_CELLS = {
-    cell["id"]: cell for cell in CODE_CELLS if CHECK_LINE.search(source(cell))
+    cell["id"]: cell for cell in CODE_CELLS if CHECK_CALL.search(source(cell))
 }
 
 

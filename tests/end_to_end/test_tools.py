@@ -20,6 +20,16 @@ from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools import fit_confidence
 from tools.ablation import ALL_ON, MECHANISMS, measure, with_value
+from tools.course_hours import (
+    MINUTES_A_CELL,
+    MINUTES_A_CODE_LINE,
+    MINUTES_A_QUESTION,
+    MINUTES_AN_EXERCISE,
+    WORDS_A_MINUTE,
+    Chapter,
+    hours_table,
+    measure_chapters,
+)
 from tools.fit_confidence import (
     PAINTED,
     Sample,
@@ -248,3 +258,31 @@ def test_what_is_above_its_ceiling_is_named():
     )
     assert above == ["lanes", "words of pages"]
     assert [row.endswith("ABOVE") for row in table[1:]] == [True, False, True]
+
+
+def test_the_hours_of_a_chapter_count_what_there_is_to_do():
+    text = "## 3. Warp\n\n" + "word " * 117 + "**Question.** Why?"
+    cells = [
+        {"id": "ch03-01", "cell_type": "markdown", "source": [text]},
+        {"id": "ch03-02", "cell_type": "code", "source": ["a = 1\n", "\n", "b = 2"]},
+        {
+            "id": "ch03-03",
+            "cell_type": "code",
+            "source": 'course.check_exercise("3.1", a)',
+        },
+    ]
+    (chapter,) = measure_chapters({"cells": cells})
+    assert chapter == Chapter(
+        "3. Warp", words=122, code_cells=2, code_lines=3, questions=1, exercises=1
+    )
+    minutes = (
+        122 / WORDS_A_MINUTE
+        + 3 * MINUTES_A_CODE_LINE
+        + 2 * MINUTES_A_CELL
+        + MINUTES_A_QUESTION
+    )
+    assert 60 * chapter.hours == pytest.approx(minutes + MINUTES_AN_EXERCISE)
+    assert (
+        hours_table([chapter, chapter]).splitlines()[-1]
+        == f"| **all** | 244 | 4 | 6 | 2 | 2 | {2 * chapter.hours:.1f} |"
+    )
