@@ -1,300 +1,891 @@
-"""The classic lane finder, in the order of chapters 2 to 8 of project.ipynb: read it from top to bottom.
+"""The classic lane finder in one file: read it from top to bottom, in the order of the
+course's chapters 2 to 8.
 
-Three published answers to Udacity's project "Advanced Lane Finding" are *recipes* here, as data in `RECIPES`:
+It needs NumPy, OpenCV and moviepy only: copy it next to your own notebook. Three
+published answers to Udacity's project "Advanced Lane Finding" are *recipes* here:
 
-- "hls_sobel" (A): warp the colour image; saturation or gradients; mean of the last five accepted fits;
-- "equalized_hsv" (B): brightest and yellow pixels or strong gradients; mean of the last ten;
-- "best_channel" (C): six binaries, the best one for each line; RANSAC; mean of the last thirty, with damped outliers.
+- "hls_sobel" (A): warp the colour image; saturation or gradients; mean of five fits;
+- "equalized_hsv" (B): brightest or yellow pixels or edges; mean of ten fits;
+- "best_channel" (C): six binaries, the best one for each line; mean of thirty fits.
 
-The numbers are the published ones. Where the originals had defects, this file differs from them, and
-tests/test_helpers_finder.py has a test for each difference. Images are RGB, points are (column, row) in pixels, road
-points are (x forward, y left) in metres.
+Their numbers are the published ones. Where the originals had defects, this file differs
+from them, and tests/test_helpers_*.py have a test for each difference.
+
+Images are RGB, uint8, (height, width, 3). Points are (u, v), column and row, pixels.
+Road points are (x, y), x forward and y to the left, metres.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import csv
+import os
+import re
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from functools import cache, cached_property, partial
-from math import inf
+from functools import cached_property, partial
+from pathlib import Path
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+from numpy.typing import ArrayLike
 
-# 1 to 3, images, lens and videos: the notebook builds these steps; the robust functions are those of `lanes`.
-from lanes import canvas
-from lanes.calibration import calibrate as calibrate
-from lanes.camera import Camera, resize_points
-from lanes.camera import undistort as undistort
-from lanes.describe import describe_bend as describe_bend
-from lanes.describe import describe_offset as describe_offset
-from lanes.errors import CameraError, PictureError
-from lanes.images import read_image as read_image
-from lanes.images import require_rgb
-from lanes.images import to_rgb as to_rgb
-from lanes.images import write_image as write_image
-from lanes.video.reader import read_video as read_video
-from lanes.video.writer import process_video as process_video
+Points = Sequence[Sequence[float]]
+Colour = tuple[int, int, int]
 
-Points = Sequence[Sequence[float]]  # (u, v), pixels
-Limits = tuple[float, float, float]
-Fits = Sequence[Sequence["LineFit | None"]]
+# 2. Calibrate the camera
+
+IMAGE_FILES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
+# Smallest part of a board that is used: fewer corners occur by chance in textures.
+MIN_COLUMNS, MIN_ROWS = 5, 4
+# Largest distance of a corner from an even grid, as a share of a square. Measured on
+# Udacity's boards: up to 0.16 because of the lens, 0.39 or more if a row is skipped.
+MAX_UNEVENNESS = 0.25
+# A board with more than this many times the median error was bent, moved or detected
+# wrongly. The worst of Udacity's boards, paper on a wall, has 1.5 times the median.
+MAX_ERROR_RATIO = 2.5
+# Boards are never left out below this error: it is that of the corners in a JPEG.
+MIN_ERROR_PX = 0.3
+# Two of Udacity's images are one pixel larger than the others, which does no harm.
+MAX_CROP_PX = 2
+
+
+def require_rgb(image: np.ndarray) -> np.ndarray:
+    """The image, contiguous in memory; ValueError if it is not RGB, uint8."""
+    if not isinstance(image, np.ndarray):
+        raise ValueError(
+            f"expected an RGB image, got {type(image).__name__}; read it with read_image."
+        )
+    is_rgb = image.ndim == 3 and image.shape[-1] == 3 and image.dtype == np.uint8
+    if not is_rgb or not image.size:
+        raise ValueError(
+            "expected an RGB image of shape (height, width, 3) and dtype uint8, got shape "
+            f"{image.shape}, dtype {image.dtype}; read it with read_image."
+        )
+    return np.ascontiguousarray(image)
+
+
+def require_size(image: np.ndarray, size: tuple[int, int], owner: str) -> None:
+    """ValueError if an image is not of the size (width, height) of the lens or warp."""
+    height, width = image.shape[:2]
+    if (width, height) != tuple(size):
+        raise ValueError(
+            f"the image is {width}x{height} pixels, but this {owner} is for "
+            f"{size[0]}x{size[1]}; use images of that size, or another {owner}."
+        )
+
+
+def read_image(path: str | Path) -> np.ndarray:
+    """The RGB image (height, width, 3), uint8, of a file.
+
+    Raises OSError if the file does not exist, is cut off or is no image.
+    """
+    data = np.frombuffer(Path(path).read_bytes(), np.uint8)
+    bgr = None
+    if data.size:
+        bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
+    if bgr is None:
+        raise OSError(
+            f"{path}: cannot be decoded as an image: it is empty, cut off or of another "
+            "format; copy it again, or convert it to JPEG."
+        )
+    return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+
+
+def write_image(path: str | Path, image: np.ndarray) -> Path:
+    """Write an RGB image (height, width, 3), uint8; returns the path.
+
+    The format is that of the name's suffix, and the folder is created where needed.
+    Raises ValueError if the image is not RGB or the suffix is not known.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in IMAGE_FILES:
+        raise ValueError(f"{path}: end the name in .jpg or .png.")
+    bgr = cv2.cvtColor(require_rgb(image), cv2.COLOR_RGB2BGR)
+    # clean edges at about a fifth of the size of a PNG; other formats ignore it
+    quality = [cv2.IMWRITE_JPEG_QUALITY, 92]
+    _, data = cv2.imencode(path.suffix, bgr, quality)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with complete_file(path) as partial_path:
+        partial_path.write_bytes(data.tobytes())
+    return path
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """Another name to write a file under; it is renamed if the block succeeds."""
+    partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        yield partial_path
+        os.replace(partial_path, path)
+    finally:
+        partial_path.unlink(missing_ok=True)
+
+
+@dataclass(frozen=True, eq=False)
+class Lens:
+    """What calibration finds out about a camera, for images of one size.
+
+    `distortion` are k1, k2, p1, p2, k3 in OpenCV's order. `board_rms_px` has the
+    reprojection error of each board by the name of its file, `not_used` the files that
+    were left out, with the reason.
+    """
+
+    matrix: np.ndarray  # (3, 3), pixels
+    distortion: np.ndarray  # (5,)
+    size: tuple[int, int]  # (width, height)
+    rms_px: float = 0.0  # of all corners
+    board_rms_px: Mapping[str, float] = field(default_factory=dict)
+    not_used: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        matrix = np.asarray(self.matrix, float)
+        distortion = np.asarray(self.distortion, float).ravel()
+        if matrix.shape != (3, 3) or distortion.size not in (5, 8):
+            raise ValueError(
+                f"matrix must be (3, 3), got {matrix.shape}, and distortion k1, k2, p1, "
+                f"p2, k3, got {distortion.size} numbers; take those of calibrateCamera."
+            )
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "distortion", distortion)
+
+    @cached_property
+    def maps(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where `undistort` fetches each pixel; making them takes ten times as long."""
+        return cv2.initUndistortRectifyMap(
+            cameraMatrix=self.matrix,
+            distCoeffs=self.distortion,
+            R=np.eye(3),
+            newCameraMatrix=self.matrix,
+            size=self.size,
+            m1type=cv2.CV_16SC2,
+        )
+
+
+class Board(NamedTuple):
+    """Inner corners of a chessboard, or of the part of it that is visible."""
+
+    points: np.ndarray  # (N, 3) on the board, squares, z = 0
+    corners_px: np.ndarray  # (N, 2) in the image
+    size: tuple[int, int]  # (width, height) of the image
+
+
+class LensFit(NamedTuple):
+    """Result of one call of calibrateCamera."""
+
+    rms_px: float
+    matrix: np.ndarray
+    distortion: np.ndarray
+    errors_px: dict[str, float]  # RMS of each board
+
+
+def calibrate(
+    board_files: str | Path | Iterable[str | Path], corners: tuple[int, int] = (9, 6)
+) -> Lens:
+    """Lens from images of a chessboard in different positions (Zhang, PAMI 2000).
+
+    `board_files` is a folder or a list of files, `corners` the board's inner corners
+    (columns, rows). Boards that the image border cuts off count with their visible part.
+    Images without a board, images of another size and boards that fit far worse than
+    the others are left out; `Lens.not_used` names them.
+
+    Raises OSError if a file cannot be read, ValueError if fewer than three boards remain.
+    """
+    boards: dict[str, Board] = {}
+    not_used: dict[str, str] = {}
+    for file in list_images(board_files):
+        gray = cv2.cvtColor(read_image(file), cv2.COLOR_RGB2GRAY)
+        board = find_board(gray, corners)
+        if board is None:
+            columns, rows = corners
+            not_used[file.name] = (
+                f"no board of {columns}x{rows} corners, nor a part of it"
+            )
+        else:
+            boards[file.name] = board
+
+    size = most_frequent_size(boards)
+    for name, board in list(boards.items()):
+        difference = np.abs(np.subtract(board.size, size))
+        if difference.max() > MAX_CROP_PX:
+            not_used[name] = (
+                f"is {board.size[0]}x{board.size[1]}, not {size[0]}x{size[1]}"
+            )
+            del boards[name]
+
+    fit = fit_lens(boards, size, not_used)
+    while (worst := find_outlier(fit.errors_px)) is not None:
+        median_px = np.median(list(fit.errors_px.values()))
+        error_px = fit.errors_px[worst]
+        not_used[worst] = (
+            f"error {error_px:.2f} px, the median board {median_px:.2f} px"
+        )
+        del boards[worst]
+        fit = fit_lens(boards, size, not_used)
+    return Lens(
+        matrix=fit.matrix,
+        distortion=fit.distortion,
+        size=size,
+        rms_px=fit.rms_px,
+        board_rms_px=fit.errors_px,
+        not_used=not_used,
+    )
+
+
+def list_images(files: str | Path | Iterable[str | Path]) -> list[Path]:
+    """The images of a folder, or the listed files; 2 comes before 10."""
+    if isinstance(files, str | Path) and Path(files).is_dir():
+        inside = Path(files).iterdir()
+        listed = [path for path in inside if path.suffix.lower() in IMAGE_FILES]
+    elif isinstance(files, str | Path):
+        listed = [Path(files)]
+    else:
+        listed = [Path(path) for path in files]
+    names = Counter(path.name for path in listed)
+    repeated = [name for name, count in names.items() if count > 1]
+    if repeated:
+        raise ValueError(f"two boards are called {repeated[0]}; rename one of them.")
+    return sorted(listed, key=natural_order)
+
+
+def natural_order(path: Path) -> list:
+    """Sort key in which numbers are compared as numbers."""
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if part.isdecimal() else part for part in parts]
+
+
+def find_board(gray: np.ndarray, corners: tuple[int, int] = (9, 6)) -> Board | None:
+    """The largest visible part of a chessboard in a gray image; None if there is none.
+
+    The corners are refined to sub-pixel accuracy (`cv2.cornerSubPix`).
+    """
+    height, width = gray.shape
+    for columns, rows in smaller_grids(corners):
+        for finder in (cv2.findChessboardCorners, cv2.findChessboardCornersSB):
+            found, rough = finder(gray, (columns, rows))
+            if not found:
+                continue
+            grid = np.asarray(rough, np.float32).reshape(rows, columns, 2)
+            points = board_points(columns, rows)
+            if unevenness(grid, points) <= MAX_UNEVENNESS:
+                fine = refine_corners(gray, grid)
+                return Board(points, fine, (width, height))
+    return None
+
+
+def smaller_grids(corners: tuple[int, int]) -> list[tuple[int, int]]:
+    """The whole board (columns, rows) and its parts, the largest first."""
+    columns, rows = corners
+    least_columns = min(MIN_COLUMNS, columns)
+    least_rows = min(MIN_ROWS, rows)
+    grids = [
+        (some_columns, some_rows)
+        for some_columns in range(least_columns, columns + 1)
+        for some_rows in range(least_rows, rows + 1)
+    ]
+    return sorted(grids, key=np.prod, reverse=True)
+
+
+def board_points(columns: int, rows: int) -> np.ndarray:
+    """Corners (N, 3) on the board, row by row: (0, 0, 0), (1, 0, 0), ..."""
+    points = np.zeros((rows * columns, 3), np.float32)
+    points[:, :2] = np.mgrid[:columns, :rows].T.reshape(-1, 2)
+    return points
+
+
+def unevenness(grid: np.ndarray, points: np.ndarray) -> float:
+    """Largest distance of corners (rows, columns, 2) from an even grid, in squares."""
+    pixels = grid.reshape(-1, 2)
+    homography, _ = cv2.findHomography(points[:, :2], pixels)
+    if homography is None:
+        return np.inf
+    even = cv2.perspectiveTransform(points[:, None, :2], homography)[:, 0]
+    distances_px = np.linalg.norm(even - pixels, axis=1)
+    return float(distances_px.max() / smallest_square_px(grid))
+
+
+def smallest_square_px(grid: np.ndarray) -> float:
+    """Shortest distance between neighbours in a grid of corners (rows, columns, 2)."""
+    along_rows = np.linalg.norm(np.diff(grid, axis=1), axis=2)
+    along_columns = np.linalg.norm(np.diff(grid, axis=0), axis=2)
+    return float(min(along_rows.min(), along_columns.min()))
+
+
+def refine_corners(gray: np.ndarray, grid: np.ndarray) -> np.ndarray:
+    """Corners (N, 2) to a fraction of a pixel (Foerstner and Guelch, 1987)."""
+    # a larger window reaches other corners, a smaller one is noisier
+    half_window_px = int(np.clip(smallest_square_px(grid) / 3, 2, 11))
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 60, 1e-4)
+    refined = cv2.cornerSubPix(
+        image=gray,
+        corners=grid.reshape(-1, 1, 2).copy(),
+        winSize=(half_window_px, half_window_px),
+        zeroZone=(-1, -1),
+        criteria=criteria,
+    )
+    return refined.reshape(-1, 2)
+
+
+def most_frequent_size(boards: Mapping[str, Board]) -> tuple[int, int]:
+    """Size (width, height) that most boards have; (0, 0) without boards."""
+    counts = Counter(board.size for board in boards.values())
+    if not counts:
+        return 0, 0
+    return counts.most_common(1)[0][0]
+
+
+def fit_lens(
+    boards: Mapping[str, Board], size: tuple[int, int], not_used: Mapping[str, str]
+) -> LensFit:
+    """Lens that fits the boards best; ValueError if there are fewer than three."""
+    if len(boards) < 3:
+        reasons = "".join(f"\n  {name}: {why}" for name, why in not_used.items())
+        raise ValueError(
+            f"only {len(boards)} images show a board that can be used, but a calibration "
+            "needs three, better 15; take more, tilted to different sides, or give the "
+            f"number of inner corners that your board has.{reasons}"
+        )
+    # several threads sum in another order each time: the last digits would change
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        result = cv2.calibrateCameraExtended(
+            objectPoints=[board.points for board in boards.values()],
+            imagePoints=[board.corners_px for board in boards.values()],
+            imageSize=size,
+            cameraMatrix=None,
+            distCoeffs=None,
+        )
+    except cv2.error as error:
+        raise ValueError(
+            "these boards do not determine the lens; take images in which the board is "
+            "tilted by 20 to 45 degrees, each time to another side."
+        ) from error
+    finally:
+        cv2.setNumThreads(threads)
+    rms_px, matrix, distortion = result[:3]
+    errors_px = dict(zip(boards, result[-1].ravel().tolist(), strict=True))
+    return LensFit(rms_px, matrix, distortion.ravel()[:5], errors_px)
+
+
+def find_outlier(errors_px: Mapping[str, float]) -> str | None:
+    """Name of the board that fits worst, if it fits far worse than the others."""
+    # of three boards nobody can say which one is wrong
+    if len(errors_px) <= 3:
+        return None
+    worst = max(errors_px, key=errors_px.__getitem__)
+    median_px = float(np.median(list(errors_px.values())))
+    limit_px = max(MAX_ERROR_RATIO * median_px, MIN_ERROR_PX)
+    return worst if errors_px[worst] > limit_px else None
+
+
+# 3. Undistort the image
+
+
+def undistort(image: np.ndarray, lens: Lens) -> np.ndarray:
+    """The RGB image (height, width, 3) that a lens without distortion would have taken.
+
+    Raises ValueError if the image is not RGB, or not of the lens's size.
+    """
+    image = require_rgb(image)
+    require_size(image, lens.size, "lens")
+    map_u, map_v = lens.maps
+    return cv2.remap(image, map_u, map_v, cv2.INTER_LINEAR)
+
+
+def undistort_points(points_px: ArrayLike, lens: Lens) -> np.ndarray:
+    """Points (N, 2) of the undistorted image for points (N, 2) of the raw one."""
+    points = np.asarray(points_px, float).reshape(-1, 1, 2)
+    if not len(points):
+        return np.empty((0, 2))
+    # five steps, OpenCV's default, leave errors of pixels in the corners of wide lenses
+    criteria = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 1000, 1e-12)
+    undistorted = cv2.undistortPoints(
+        src=points,
+        cameraMatrix=lens.matrix,
+        distCoeffs=lens.distortion,
+        P=lens.matrix,
+        criteria=criteria,
+    )
+    return undistorted.reshape(-1, 2)
+
+
+def distort_points(points_px: ArrayLike, lens: Lens) -> np.ndarray:
+    """Points (N, 2) of the raw image for points (N, 2) of the undistorted one.
+
+    They are NaN where the lens model does not hold: far outside the image its polynomial
+    turns back and would place them inside.
+    """
+    points = np.asarray(points_px, float).reshape(-1, 2)
+    if not len(points):
+        return np.empty((0, 2))
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    rays = homogeneous @ np.linalg.inv(lens.matrix).T
+    no_rotation = no_translation = np.zeros(3)
+    raw, _ = cv2.projectPoints(
+        objectPoints=rays,
+        rvec=no_rotation,
+        tvec=no_translation,
+        cameraMatrix=lens.matrix,
+        distCoeffs=lens.distortion,
+    )
+    raw = raw.reshape(-1, 2)
+    there_and_back = undistort_points(raw, lens)
+    off_px = np.linalg.norm(there_and_back - points, axis=1)
+    raw[~(off_px < 1)] = np.nan
+    return raw
+
 
 # 4. Look at the road from above
 
 
 @dataclass(frozen=True, eq=False)
 class FourPointWarp:
-    """Homography that maps four points of the undistorted image to four points of the bird's-eye view.
+    """Homography from four points of the undistorted image to four of the bird's-eye view.
 
-    If the four points form a rectangle on a flat road, the view is a map of the road with two constant scales. The
-    trapezia of the recipes were chosen by eye and fulfil this only approximately. Raises ValueError if there are not
-    four points (u, v), or they do not go around a convex quadrangle.
+    If the four points form a rectangle on a flat road, the view is a map of the road with
+    two constant scales. Those of the recipes were chosen by eye and do so only roughly.
+    Raises ValueError if the points do not go around a convex quadrangle.
     """
 
-    source_px: np.ndarray  # (4, 2) (u, v) in the undistorted image, in order around the quadrangle
-    destination_px: np.ndarray  # (4, 2) corresponding points in the bird's-eye view
+    source_px: np.ndarray  # (4, 2) in the undistorted image, around the quadrangle
+    destination_px: np.ndarray  # (4, 2), the same points in the bird's-eye view
     size: tuple[int, int]  # (width, height) of both
     matrix: np.ndarray = field(init=False, repr=False)
     inverse: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        for name in ("source_px", "destination_px"):
-            points = np.array(getattr(self, name), np.float32)
-            # OpenCV silently returns a singular homography for collinear points and self-intersecting quadrangles.
-            if points.shape != (4, 2) or not np.isfinite(points).all() or not cv2.isContourConvex(points):
-                raise ValueError(
-                    f"{name}: expected four points (u, v) in order around a convex quadrangle, got {points.tolist()}."
-                )
-            object.__setattr__(self, name, points)
-        object.__setattr__(self, "matrix", cv2.getPerspectiveTransform(self.source_px, self.destination_px))
-        object.__setattr__(self, "inverse", np.linalg.inv(self.matrix))
+        source = require_quadrangle(self.source_px, "source_px")
+        destination = require_quadrangle(self.destination_px, "destination_px")
+        matrix = cv2.getPerspectiveTransform(source, destination)
+        object.__setattr__(self, "source_px", source)
+        object.__setattr__(self, "destination_px", destination)
+        object.__setattr__(self, "matrix", matrix)
+        object.__setattr__(self, "inverse", np.linalg.inv(matrix))
 
     def image_to_birdseye(self, image: np.ndarray) -> np.ndarray:
-        """Bird's-eye view of an undistorted image, both of `size`; binaries (2-D) keep their two values.
+        """Bird's-eye view of an undistorted RGB image, or of a binary (height, width).
 
-        Raises PictureError if `image` is not an RGB image or a binary of that size.
+        Raises ValueError if the image is neither, or not of the warp's size.
         """
-        if not (isinstance(image, np.ndarray) and image.ndim == 2 and image.dtype == np.uint8):
+        is_array = isinstance(image, np.ndarray)
+        is_binary = is_array and image.ndim == 2 and image.dtype == np.uint8
+        if not is_binary:
             image = require_rgb(image)
-        got, (width, height) = image.shape[1::-1], self.size
-        if got != self.size:
-            raise PictureError(
-                f"picture: is {got[0]}x{got[1]} pixels, but this warp is for {width}x{height}; "
-                "use a picture of that size, or a warp made for this one."
-            )
-        interpolation = cv2.INTER_NEAREST if image.ndim == 2 else cv2.INTER_LINEAR
+        require_size(image, self.size, "warp")
+        # a binary keeps its two values
+        interpolation = cv2.INTER_NEAREST if is_binary else cv2.INTER_LINEAR
         return cv2.warpPerspective(image, self.matrix, self.size, flags=interpolation)
 
-    def points_to_birdseye(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the bird's-eye view for points (N, 2) of the undistorted image."""
-        return _transform(points_px, self.matrix)
+    def points_to_birdseye(self, points_px: ArrayLike) -> np.ndarray:
+        """Points (N, 2) of the bird's-eye view for points (N, 2) of the image."""
+        return transform_points(points_px, self.matrix)
 
-    def points_to_image(self, points_px: np.ndarray) -> np.ndarray:
-        """Points (N, 2) of the undistorted image for points (N, 2) of the bird's-eye view."""
-        return _transform(points_px, self.inverse)
+    def points_to_image(self, points_px: ArrayLike) -> np.ndarray:
+        """Points (N, 2) of the undistorted image for points (N, 2) of the view."""
+        return transform_points(points_px, self.inverse)
 
 
-def _transform(points_px: np.ndarray, matrix: np.ndarray) -> np.ndarray:
+def require_quadrangle(points_px: ArrayLike, name: str) -> np.ndarray:
+    """Four points (4, 2), float32; ValueError unless they go around a quadrangle."""
+    points = np.array(points_px, np.float32)
+    is_quadrangle = (
+        points.shape == (4, 2)
+        and bool(np.isfinite(points).all())
+        # for other points OpenCV returns a useless homography without a word
+        and cv2.isContourConvex(points)
+    )
+    if not is_quadrangle:
+        raise ValueError(
+            f"{name}: expected four points (u, v) in order around a convex quadrangle, "
+            f"got {points.tolist()}."
+        )
+    return points
+
+
+def transform_points(points_px: ArrayLike, matrix: np.ndarray) -> np.ndarray:
+    """Points (N, 2) behind a homography (3, 3)."""
     points = np.asarray(points_px, float).reshape(-1, 2)
     if not len(points):
         return points
     return cv2.perspectiveTransform(points[:, None], matrix)[:, 0]
 
 
-def birdseye_to_road(points_px: np.ndarray, warp: FourPointWarp, camera: Camera) -> np.ndarray:
-    """Points (N, 2) on the flat road of points (N, 2) in the bird's-eye view; exact for every quadrangle.
+def road_homography(
+    lens: Lens,
+    *,
+    height_m: float,
+    pitch_rad: float,
+    yaw_rad: float = 0.0,
+    roll_rad: float = 0.0,
+) -> np.ndarray:
+    """Homography (3, 3) from undistorted pixels (u, v, 1) to the flat road (x, y, 1).
 
-    They are NaN at and above the horizon. The distortion of the camera is not applied, because `warp` starts from the
-    undistorted image. Raises CameraError if the camera has no pose.
+    The camera is `height_m` above the road; pitch > 0 looks down, yaw > 0 looks left,
+    roll > 0 has the right side down. The third number, before the division, is 1 / depth
+    in 1/m: it is 0 at the horizon and negative above it. Raises ValueError if a number
+    is not finite, or the height not positive.
     """
-    pinhole = replace(camera, distortion=np.zeros(5))
-    return pinhole.pixels_to_road(warp.points_to_image(points_px))
+    numbers = (height_m, pitch_rad, yaw_rad, roll_rad)
+    if not np.isfinite(numbers).all() or height_m <= 0:
+        raise ValueError(
+            f"height {height_m} m, pitch {pitch_rad}, yaw {yaw_rad}, roll {roll_rad} rad: "
+            "give finite numbers, and a height above the road that is positive."
+        )
+    sin_pitch, cos_pitch = np.sin(pitch_rad), np.cos(pitch_rad)
+    sin_yaw, cos_yaw = np.sin(yaw_rad), np.cos(yaw_rad)
+    sin_roll, cos_roll = np.sin(roll_rad), np.cos(roll_rad)
+    yaw = np.array([[cos_yaw, -sin_yaw, 0], [sin_yaw, cos_yaw, 0], [0, 0, 1]])
+    pitch = np.array([[cos_pitch, 0, sin_pitch], [0, 1, 0], [-sin_pitch, 0, cos_pitch]])
+    roll = np.array([[1, 0, 0], [0, cos_roll, -sin_roll], [0, sin_roll, cos_roll]])
+
+    # camera axes: X right, Y down, Z forward
+    axes = np.array([[0, -1, 0], [0, 0, -1], [1, 0, 0]])
+    road_to_camera = axes @ (yaw @ pitch @ roll).T
+    camera_m = np.array([0, 0, height_m])
+    translation = -road_to_camera @ camera_m
+
+    # a road point has z = 0, so the third column of the rotation is not needed
+    columns = [road_to_camera[:, 0], road_to_camera[:, 1], translation]
+    road_to_image = lens.matrix @ np.column_stack(columns)
+    return np.linalg.inv(road_to_image)
+
+
+def pixels_to_road(points_px: ArrayLike, image_to_road: np.ndarray) -> np.ndarray:
+    """Points (N, 2) on the flat road, metres, of undistorted pixels (N, 2).
+
+    `image_to_road` is a homography of `road_homography`. NaN at and above the horizon.
+    """
+    points = np.asarray(points_px, float).reshape(-1, 2)
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    x, y, inverse_depth = (homogeneous @ image_to_road.T).T
+    is_road = inverse_depth > 1e-9
+    depth_m = 1 / np.where(is_road, inverse_depth, np.nan)
+    return np.column_stack([x * depth_m, y * depth_m])
+
+
+def road_to_pixels(points_m: ArrayLike, image_to_road: np.ndarray) -> np.ndarray:
+    """Undistorted pixels (N, 2) of points (N, 2) on the flat road, metres.
+
+    NaN behind the camera.
+    """
+    points = np.asarray(points_m, float).reshape(-1, 2)
+    homogeneous = np.column_stack([points, np.ones(len(points))])
+    u, v, depth_m = (homogeneous @ np.linalg.inv(image_to_road).T).T
+    is_ahead = depth_m > 1e-6
+    inverse_depth = 1 / np.where(is_ahead, depth_m, np.nan)
+    return np.column_stack([u * inverse_depth, v * inverse_depth])
+
+
+def birdseye_to_road(
+    points_px: ArrayLike, warp: FourPointWarp, image_to_road: np.ndarray
+) -> np.ndarray:
+    """Points (N, 2) on the flat road, metres, of points (N, 2) in the bird's-eye view.
+
+    It is exact for every quadrangle of the warp. NaN at and above the horizon.
+    """
+    return pixels_to_road(warp.points_to_image(points_px), image_to_road)
 
 
 def scale_to_road(
-    points_px: np.ndarray, metres_per_px: tuple[float, float], birdseye_size: tuple[int, int]
+    points_px: ArrayLike,
+    metres_per_px: tuple[float, float],
+    birdseye_size: tuple[int, int],
 ) -> np.ndarray:
-    """Points (N, 2) on the road of points (N, 2) in the bird's-eye view by constant scales, as in the original recipes.
+    """Points (N, 2) on the road of points (N, 2) in the view by the two usual scales.
 
-    `metres_per_px` is (metres per column, metres per row), `birdseye_size` (width, height) in pixels. This assumes that
-    the car is at the centre of the bottom row.
+    `metres_per_px` is (metres per column, metres per row), in the originals (3.7 / 700,
+    30 / 720). The car is taken to be at the centre of the bottom row.
     """
-    points = np.asarray(points_px, float)
+    points = np.asarray(points_px, float).reshape(-1, 2)
     width, height = birdseye_size
-    from_bottom_px, from_centre_px = height - 1 - points[:, 1], (width - 1) / 2 - points[:, 0]
-    return np.column_stack([from_bottom_px * metres_per_px[1], from_centre_px * metres_per_px[0]])
+    across_m, along_m = metres_per_px
+    rows_ahead = height - 1 - points[:, 1]
+    columns_left = (width - 1) / 2 - points[:, 0]
+    return np.column_stack([rows_ahead * along_m, columns_left * across_m])
 
 
-def metres_per_pixel(warp: FourPointWarp, camera: Camera) -> tuple[float, float]:
-    """(metres per column, metres per row) of a four-point warp, from the camera pose.
+def metres_per_pixel(
+    warp: FourPointWarp, image_to_road: np.ndarray
+) -> tuple[float, float]:
+    """(metres per column, metres per row) of a view.
 
-    They are exact only if the quadrangle is a rectangle on the road: the first one at the centre of the bottom row,
-    where the offset is measured, the second one as the mean over the centre column. Raises CameraError if the camera
-    has no pose, or the view reaches the horizon.
+    They are exact only if the four points are a rectangle on the road: the first one is
+    that at the centre of the bottom row, where the offset is measured, the second one the
+    mean over the centre column. Raises ValueError if the view reaches the horizon.
     """
     width, height = warp.size
-    centre, bottom = (width - 1) / 2, height - 1
-    points = np.array([[centre - 0.5, bottom], [centre + 0.5, bottom], [centre, bottom], [centre, 0]])
-    road = birdseye_to_road(points, warp, camera)
-    if not np.isfinite(road).all():
-        raise CameraError(
-            "the quadrangle of the warp reaches the horizon of this camera pose, so its rows have no length on the "
-            "road; choose lower points or correct the pitch of the camera pose."
+    centre = (width - 1) / 2
+    bottom = height - 1
+    column_px = [(centre - 0.5, bottom), (centre + 0.5, bottom)]
+    left, right = birdseye_to_road(column_px, warp, image_to_road)
+    near, far = birdseye_to_road([(centre, bottom), (centre, 0)], warp, image_to_road)
+    if not np.isfinite([left, right, near, far]).all():
+        raise ValueError(
+            "the quadrangle of the warp reaches the horizon of this camera, so its rows "
+            "have no length on the road; choose lower points or correct the pitch."
         )
-    lateral = float(np.linalg.norm(road[0] - road[1]))
-    longitudinal = float(np.linalg.norm(road[3] - road[2])) / max(height - 1, 1)
-    return lateral, longitudinal
+    across_m = np.linalg.norm(left - right)
+    along_m = np.linalg.norm(far - near) / max(height - 1, 1)
+    return float(across_m), float(along_m)
 
 
 # 5. Separate paint from road
 #
-# A binary is an ndarray (height, width), uint8, 0 or 255, so that binaries combine with & and | and can be warped or
-# shown as they are. Ranges include both ends.
+# A binary is an array (height, width), uint8, 0 or 255: binaries combine with & and |,
+# and can be warped or shown as they are.
 
 
 class Levels(NamedTuple):
-    """One threshold: the pixels whose value is in the range `low` to `high`, both ends included.
+    """One threshold: the pixels whose value is in a range, both ends included.
 
-    The published gradients are on a scale on which the largest gradient of the image is 255, so that one glint of light
-    changes every threshold. Here a step edge of `full_step` levels is 255: in `RECIPES` the medians of that largest
-    gradient over 66 motorway images (gray 180 with a kernel of 3 and 195 with 9, lightness of the view 78, saturation
-    232; those of recipe A are rounded to 75 and 255, which gives results closer to the published ones).
+    The published gradients are scaled so that the largest one of the image is 255: one
+    glint changes every threshold. Here a step edge of `full_step` levels is 255. In
+    `RECIPES` these are the medians of the largest gradient over 66 motorway images: gray
+    180 with a kernel of 3 and 195 with 9, lightness of the view 78, saturation 232. Those
+    of recipe A are rounded to 75 and 255, closer to its published results.
     """
 
-    channel: str  # "gray", "equalized" (gray after histogram equalization), or space and channel: "HLS S", "Lab b"
-    low: float  # OpenCV's 8-bit ranges: hue 0 to 179 (two degrees a level), all others 0 to 255
+    # "gray", "equalized" (after histogram equalization), or space and channel: "HLS S"
+    channel: str
+    # OpenCV's 8 bits: hue 0 to 179 (two degrees a level), all others 0 to 255
+    low: float
     high: float
-    of: str = "value"  # or "gradient x", "gradient y", "magnitude"; "direction" in radians, 0 for a vertical edge
+    # "value", "gradient x", "gradient y", "magnitude", or "direction": radians, 0 for a
+    # vertical edge, pi / 2 for a horizontal one
+    of: str = "value"
     full_step: float = 255
     kernel: int = 3  # size of the Sobel filter, pixels
+    # keep only the edges of the resulting binary with a direction in this range
+    edges_rad: tuple[float, float] | None = None
 
 
 def colour_channel(image: np.ndarray, name: str) -> np.ndarray:
-    """One channel (height, width), uint8, of an RGB image, by the names of `Levels`.
+    """One channel (height, width), uint8, of an RGB image; `Levels` has the names.
 
-    Raises ValueError if the name is not known, and PictureError if `image` is not an RGB image: OpenCV would silently
-    ignore a fourth channel.
+    Raises ValueError if the name is not known, or the image is not RGB.
     """
-    image, (space, _, letter) = require_rgb(image), name.partition(" ")
-    if name in ("gray", "equalized"):
-        gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        return gray if name == "gray" else cv2.equalizeHist(gray)
-    if space not in ("RGB", "HLS", "HSV", "Lab", "Luv") or len(letter) != 1 or letter not in space:
-        raise ValueError(f"channel {name!r} is not known; use gray, equalized, or for example HLS S, Lab b, RGB R.")
-    converted = image if space == "RGB" else cv2.cvtColor(image, getattr(cv2, f"COLOR_RGB2{space.upper()}"))
+    image = require_rgb(image)
+    if name == "gray":
+        return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+    if name == "equalized":
+        return cv2.equalizeHist(cv2.cvtColor(image, cv2.COLOR_RGB2GRAY))
+
+    conversions = {
+        "HLS": cv2.COLOR_RGB2HLS,
+        "HSV": cv2.COLOR_RGB2HSV,
+        "Lab": cv2.COLOR_RGB2LAB,
+        "Luv": cv2.COLOR_RGB2LUV,
+    }
+    space, _, letter = name.partition(" ")
+    is_known = space == "RGB" or space in conversions
+    if not is_known or len(letter) != 1 or letter not in space:
+        raise ValueError(
+            f"channel {name!r} is not known; use gray, equalized, or for example HLS S, "
+            "Lab b, RGB R."
+        )
+    converted = image
+    if space != "RGB":
+        converted = cv2.cvtColor(image, conversions[space])
     return np.ascontiguousarray(converted[..., space.index(letter)])
 
 
-def sobel_gradient(channel: np.ndarray, kernel: int = 3) -> tuple[np.ndarray, np.ndarray]:
-    """Horizontal and vertical gradient (height, width) of a channel, float32: k for a step edge of k levels."""
-    derive, smooth = cv2.getDerivKernels(1, 0, kernel)
-    scale = 1 / (smooth.sum() * np.abs(np.cumsum(derive)).max())
-    along_x = cv2.Sobel(channel, cv2.CV_32F, 1, 0, ksize=kernel, scale=scale)
-    return along_x, cv2.Sobel(channel, cv2.CV_32F, 0, 1, ksize=kernel, scale=scale)
+def sobel_gradient(
+    channel: np.ndarray, kernel: int = 3
+) -> tuple[np.ndarray, np.ndarray]:
+    """Horizontal and vertical gradient (height, width), float32.
+
+    They are k for a step edge of k levels, whatever the size of the kernel.
+    """
+    derivative, smoothing = cv2.getDerivKernels(1, 0, kernel)
+    step = np.abs(np.cumsum(derivative)).max()
+    scale = 1 / (smoothing.sum() * step)
+    along_u = cv2.Sobel(channel, cv2.CV_32F, 1, 0, ksize=kernel, scale=scale)
+    along_v = cv2.Sobel(channel, cv2.CV_32F, 0, 1, ksize=kernel, scale=scale)
+    return along_u, along_v
 
 
-def level_mask(
-    levels: Levels,
-    channel: Callable[[str], np.ndarray],
-    gradient: Callable[[str, int], tuple[np.ndarray, np.ndarray]],
-) -> np.ndarray:
-    """Binary (height, width) of one threshold, from functions that give the channels and the gradients by name."""
-    if levels.of == "value":
-        return cv2.inRange(channel(levels.channel), levels.low, levels.high)
-    along_x, along_y = gradient(levels.channel, levels.kernel)
+def edge_direction(along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
+    """Directions of a gradient, radians: 0 for a vertical edge, pi / 2 for a horizontal."""
+    return cv2.phase(np.abs(along_u), np.abs(along_v))
+
+
+def gradient_mask(channel: np.ndarray, levels: Levels) -> np.ndarray:
+    """Binary of a threshold on the gradient of a channel."""
+    along_u, along_v = sobel_gradient(channel, levels.kernel)
     if levels.of == "direction":
-        return cv2.inRange(cv2.phase(np.abs(along_x), np.abs(along_y)), levels.low, levels.high)
-    # 255 is the end of the scale and includes all larger gradients.
-    high = inf if levels.high >= 255 else levels.high * levels.full_step / 255
+        return cv2.inRange(edge_direction(along_u, along_v), levels.low, levels.high)
+
     if levels.of == "magnitude":
-        size = cv2.magnitude(along_x, along_y)
+        size = cv2.magnitude(along_u, along_v)
+    elif levels.of == "gradient x":
+        size = np.abs(along_u)
+    elif levels.of == "gradient y":
+        size = np.abs(along_v)
     else:
-        size = np.abs(along_x if levels.of == "gradient x" else along_y)
-    return cv2.inRange(size, levels.low * levels.full_step / 255, high)
+        raise ValueError(
+            f"threshold of {levels.of!r} is not known; use value, gradient x, gradient y, "
+            "magnitude or direction."
+        )
+    scale = levels.full_step / 255
+    # 255 is the end of the scale and includes all larger gradients
+    high = np.inf if levels.high >= 255 else levels.high * scale
+    return cv2.inRange(size, levels.low * scale, high)
+
+
+def slanted_edges(binary: np.ndarray, edges_rad: tuple[float, float]) -> np.ndarray:
+    """The edges of a binary whose direction is in a range, both ends included."""
+    along_u, along_v = sobel_gradient(binary)
+    return cv2.inRange(edge_direction(along_u, along_v), edges_rad[0], edges_rad[1])
+
+
+def level_mask(image: np.ndarray, levels: Levels) -> np.ndarray:
+    """Binary (height, width) of one threshold on an RGB image."""
+    channel = colour_channel(image, levels.channel)
+    if levels.of == "value":
+        mask = cv2.inRange(channel, levels.low, levels.high)
+    else:
+        mask = gradient_mask(channel, levels)
+    if levels.edges_rad is not None:
+        mask = slanted_edges(mask, levels.edges_rad)
+    return mask
 
 
 @dataclass(frozen=True)
 class Thresholds:
-    """The binaries of a recipe. A rule has alternatives, each of them `Levels` that all must hold."""
+    """The binaries of a recipe.
 
-    rules: Mapping[str, tuple[tuple[Levels, ...], ...]]
-    combined: tuple[str, ...]  # the binaries whose union is the binary "combined"
-    candidates: tuple[str, ...] = ("combined",)  # those among which the best one is chosen for each line of a video
-    region: Points | None = None  # polygon outside of which all are 0, as fractions of width and height
+    A rule has alternatives; each of them is a list of `Levels` that all must hold.
+    """
+
+    rules: Mapping[str, Sequence[Sequence[Levels]]]
+    combined: Sequence[str]  # the binaries whose union is the binary "combined"
+    # those among which the best one is chosen for each line of a video, in this order
+    candidates: Sequence[str] = ("combined",)
+    # polygon outside of which all binaries are 0, as shares of width and height
+    region: Points | None = None
     close_px: int = 0  # gaps of "combined" narrower than this are closed
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
-        """All binaries of an RGB image by name, and "combined"."""
+        """All binaries (height, width) of an RGB image by name, and "combined"."""
         image = require_rgb(image)
-        region = None
-        if self.region:
-            corners = np.round(np.array(self.region) * image.shape[1::-1]).astype(np.int32)
-            region = cv2.fillPoly(np.zeros(image.shape[:2], np.uint8), [corners], 255)
-        # The rows above the region are 0 and need no computation.
-        top = 0 if region is None else int(region.any(axis=1).argmax())
-        road = image[top:]
-        channel = cache(lambda name: colour_channel(road, name))
-        gradient = cache(lambda name, kernel: sobel_gradient(channel(name), kernel))
+        region = self.region_mask(image)
         masks = {}
         for name, alternatives in self.rules.items():
-            rules = [[level_mask(one, channel, gradient) for one in levels] for levels in alternatives]
-            mask = np.bitwise_or.reduce([np.bitwise_and.reduce(masks_of_all) for masks_of_all in rules])
-            masks[name] = mask if region is None else mask & region[top:]
-        masks["combined"] = np.bitwise_or.reduce([masks[name] for name in self.combined])
+            masks[name] = region & self.rule_mask(image, alternatives)
+
+        combined = np.zeros_like(region)
+        for name in self.combined:
+            combined |= masks[name]
         if self.close_px:
             square = np.ones((self.close_px, self.close_px), np.uint8)
-            masks["combined"] = cv2.morphologyEx(masks["combined"], cv2.MORPH_CLOSE, square)
-        if top:
-            border = partial(cv2.copyMakeBorder, borderType=cv2.BORDER_CONSTANT)
-            masks = {name: border(mask, top=top, bottom=0, left=0, right=0) for name, mask in masks.items()}
+            combined = cv2.morphologyEx(combined, cv2.MORPH_CLOSE, square)
+        masks["combined"] = combined
         return masks
 
+    def rule_mask(
+        self, image: np.ndarray, alternatives: Sequence[Sequence[Levels]]
+    ) -> np.ndarray:
+        """Binary of one rule: one of the alternatives holds with all of its levels."""
+        mask = np.zeros(image.shape[:2], np.uint8)
+        for all_levels in alternatives:
+            all_hold = np.full_like(mask, 255)
+            for levels in all_levels:
+                all_hold &= level_mask(image, levels)
+            mask |= all_hold
+        return mask
+
+    def region_mask(self, image: np.ndarray) -> np.ndarray:
+        """Binary of the region in which the other binaries may be set."""
+        height, width = image.shape[:2]
+        if self.region is None:
+            return np.full((height, width), 255, np.uint8)
+        corners = np.array(self.region) * (width, height)
+        polygon = corners.round().astype(np.int32)
+        return cv2.fillPoly(np.zeros((height, width), np.uint8), [polygon], 255)
+
     def scaled(self, factor: float) -> Thresholds:
-        """The same thresholds for images `factor` times as large; a kernel of 3 pixels stays, it is the finest one."""
+        """The same thresholds for images `factor` times as large.
 
-        def odd(size: int, least: int) -> int:
-            return max(2 * round((size * factor - 1) / 2) + 1, least)
+        A kernel of 3 pixels stays: it is the finest one, and the largest has 31.
+        """
+        rules = {}
+        for name, alternatives in self.rules.items():
+            rules[name] = [
+                [scaled_levels(levels, factor) for levels in all_levels]
+                for all_levels in alternatives
+            ]
+        close_px = self.close_px
+        if close_px:
+            close_px = odd_size(close_px * factor, least=1)
+        return replace(self, rules=rules, close_px=close_px)
 
-        def scale(levels: Levels) -> Levels:  # OpenCV has Sobel filters of 3 to 31 pixels
-            return levels if levels.kernel == 3 else levels._replace(kernel=min(odd(levels.kernel, 3), 31))
 
-        rules = {name: tuple(tuple(map(scale, each)) for each in levels) for name, levels in self.rules.items()}
-        return replace(self, rules=rules, close_px=self.close_px and odd(self.close_px, 1))
+def scaled_levels(levels: Levels, factor: float) -> Levels:
+    """A threshold for images `factor` times as large."""
+    if levels.kernel == 3:
+        return levels
+    kernel = min(odd_size(levels.kernel * factor, least=3), 31)
+    return levels._replace(kernel=kernel)
+
+
+def odd_size(size_px: float, least: int) -> int:
+    """The closest odd number of pixels, at least `least`."""
+    return max(2 * round((size_px - 1) / 2) + 1, least)
 
 
 # 6. Find the lines
 
 
 class WindowSearch(NamedTuple):
-    """Pixels (N, 2) as (column, row) of each line, and the windows (M, 4): left, top, right and bottom edge, pixels."""
+    """Of the left and the right line: pixels (N, 2), (u, v); windows (M, 4).
 
-    pixels: list[np.ndarray]  # of the left and of the right line
+    A window is given by its left, top, right and bottom edge, pixels.
+    """
+
+    pixels: list[np.ndarray]
     windows: list[np.ndarray]
 
 
-def lane_histogram(binary: np.ndarray, rows_px: tuple[int, int] | None = None) -> np.ndarray:
-    """Set pixels (width,) in each column of a binary, in `rows_px` (first, end), by default in the lower half."""
-    first, end = rows_px or (binary.shape[0] // 2, binary.shape[0])
+def lane_histogram(
+    binary: np.ndarray, rows_px: tuple[int, int] | None = None
+) -> np.ndarray:
+    """Set pixels (width,) in each column of a binary.
+
+    They are counted in `rows_px` (first, end), by default in the lower half.
+    """
+    if rows_px is None:
+        rows_px = (len(binary) // 2, len(binary))
+    first, end = rows_px
     return np.count_nonzero(binary[first:end], axis=0)
 
 
 def find_peaks(histogram: np.ndarray) -> tuple[int | None, int | None]:
     """Columns of the highest peak left and right of the centre; None if a half is empty.
 
-    Of equally high columns the one closest to the centre is used, so that a mirrored image has mirrored peaks.
+    Of equally high columns the one closest to the centre is used, so that a mirrored image
+    has mirrored peaks.
     """
     middle = len(histogram) // 2
-    left, right = histogram[:middle][::-1], histogram[middle:]
-    left_peak = middle - 1 - int(left.argmax()) if left.any() else None
-    return left_peak, middle + int(right.argmax()) if right.any() else None
+    outwards = histogram[:middle][::-1]
+    right = histogram[middle:]
+    left_peak = right_peak = None
+    if outwards.any():
+        left_peak = middle - 1 - int(outwards.argmax())
+    if right.any():
+        right_peak = middle + int(right.argmax())
+    return left_peak, right_peak
 
 
 def binary_pixels(binary: np.ndarray) -> np.ndarray:
-    """(column, row) of every set pixel, (N, 2) int32, sorted by row."""
-    found = cv2.findNonZero(binary)
-    return np.empty((0, 2), np.int32) if found is None else found.reshape(-1, 2)
+    """(u, v) of every set pixel, (N, 2) int32, sorted by row."""
+    pixels = cv2.findNonZero(binary)
+    if pixels is None:
+        return np.empty((0, 2), np.int32)
+    return pixels.reshape(-1, 2)
 
 
 def sliding_windows(
@@ -306,249 +897,331 @@ def sliding_windows(
     flood_pixels: int | None = None,
     histogram_rows_px: tuple[int, int] | None = None,
 ) -> WindowSearch:
-    """Pixels of each line from a stack of windows that starts at the histogram peak and goes up.
+    """Pixels of each line from a stack of windows that starts at its histogram peak.
 
-    `count` windows cover the full height; each reaches `margin_px` to both sides. One with at least `recentre_pixels`
-    moves the next one to their mean column; one with at least `flood_pixels` is dropped, because the threshold is
-    flooded there. `histogram_rows_px`: see `lane_histogram`. A line without a peak has no windows and no pixels.
+    `count` windows cover the full height; each reaches `margin_px` to both sides. One with
+    more than `recentre_pixels` moves the next one to their mean column. The pixels of one
+    with at least `flood_pixels` are dropped, because the threshold is flooded there; the
+    next window moves all the same. A line without a peak has no windows and no pixels.
     """
-    pixels = binary_pixels(binary)
-    edges = np.linspace(len(binary), 0, count + 1).round().astype(int)
-    # Pixels are sorted by row, so those in the rows of a window are one slice.
-    bounds = np.searchsorted(pixels[:, 1], edges)
-    search = WindowSearch([], [])
-    for peak in find_peaks(lane_histogram(binary, histogram_rows_px)):
-        column = float(peak or 0)
-        caught, windows = [pixels[:0]], [np.empty((0, 4))]
-        for k in range(0 if peak is None else count):
-            strip = pixels[bounds[k + 1] : bounds[k]]
-            inside = strip[np.abs(strip[:, 0] - column) <= margin_px]
-            windows.append(np.array([[column - margin_px, edges[k + 1], column + margin_px, edges[k] - 1]]))
-            if flood_pixels is not None and len(inside) >= flood_pixels:
-                continue
-            caught.append(inside)
-            if len(inside) >= max(recentre_pixels, 1):
-                column = float(inside[:, 0].mean())
-        search.pixels.append(np.concatenate(caught))
-        search.windows.append(np.concatenate(windows))
+    histogram = lane_histogram(binary, histogram_rows_px)
+    search = WindowSearch(pixels=[], windows=[])
+    for peak in find_peaks(histogram):
+        pixels, windows = slide_along_line(
+            binary,
+            peak,
+            count=count,
+            margin_px=margin_px,
+            recentre_pixels=recentre_pixels,
+            flood_pixels=flood_pixels,
+        )
+        search.pixels.append(pixels)
+        search.windows.append(windows)
     return search
 
 
-def band_pixels(pixels: np.ndarray, line: LineFit, margin_px: float) -> np.ndarray:
-    """The pixels, of (N, 2), within `margin_px` columns of a known line, for example that of the previous frame."""
+def slide_along_line(
+    binary: np.ndarray,
+    peak: int | None,
+    *,
+    count: int,
+    margin_px: float,
+    recentre_pixels: int,
+    flood_pixels: int | None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pixels (N, 2) and windows (M, 4) of one line; see `sliding_windows`."""
+    pixels = binary_pixels(binary)
+    found = [pixels[:0]]
+    windows: list[tuple[float, float, float, float]] = []
+    if peak is None:
+        return pixels[:0], np.empty((0, 4))
+
+    edges = np.linspace(len(binary), 0, count + 1).round().astype(int)
+    # the pixels are sorted by row, so those in the rows of a window are one slice
+    bounds = np.searchsorted(pixels[:, 1], edges)
+    column = float(peak)
+    for k in range(count):
+        strip = pixels[bounds[k + 1] : bounds[k]]
+        inside = strip[np.abs(strip[:, 0] - column) <= margin_px]
+        left, right = column - margin_px, column + margin_px
+        windows.append((left, edges[k + 1], right, edges[k] - 1))
+
+        is_flooded = flood_pixels is not None and len(inside) >= flood_pixels
+        if not is_flooded:
+            found.append(inside)
+        if len(inside) > recentre_pixels:
+            column = float(inside[:, 0].mean())
+    return np.concatenate(found), np.array(windows)
+
+
+def band_pixels(pixels: np.ndarray, line: ArrayLike, margin_px: float) -> np.ndarray:
+    """The pixels, of (N, 2), within `margin_px` columns of a line (A, B, C)."""
     if not len(pixels):
         return pixels
-    # One evaluation per row and a lookup for each pixel is ten times faster than one evaluation per pixel.
-    columns = line.columns(np.arange(pixels[:, 1].max() + 1)).astype(np.float32)
-    return pixels[np.abs(pixels[:, 0] - columns[pixels[:, 1]]) <= margin_px]
+    u, v = np.asarray(pixels).T
+    # a column for each row and a lookup is faster than a column for each pixel
+    columns = np.polyval(line, np.arange(v.max() + 1))
+    distances_px = np.abs(u - columns[v])
+    return pixels[distances_px <= margin_px]
 
 
 # 7. Fit and measure
 #
-# In the bird's-eye view a line is x = A y^2 + B y + C, the column as a function of the row, because lane lines are
-# nearly vertical there. On the road it is y = c0 + c1 x + c2 x^2 / 2, x forward and y left of the car, metres.
+# A line in the bird's-eye view is an array (3,): A, B, C of u = A v^2 + B v + C, the
+# column as a function of the row, as np.polyfit(v, u, 2) returns it. On the road it is a
+# RoadLine: y = c0 + c1 x + c2 x^2 / 2.
 
 
-@dataclass(frozen=True)
-class LineFit:
-    """One lane line in the bird's-eye view: x = A y^2 + B y + C, column x and row y in pixels, y growing downward."""
-
-    coefficients: tuple[float, float, float]  # A, B, C
-    pixels: int  # number of pixels that support the line
-
-    def columns(self, rows_px: np.ndarray | float) -> np.ndarray:
-        """Columns in pixels at the given rows."""
-        return np.polyval(self.coefficients, rows_px)
-
-    def points(self, height: int) -> np.ndarray:
-        """Points (N, 2) as (column, row) in every eighth row and the last, far to near, for drawing."""
-        rows = np.append(np.arange(0, height - 1, 8), height - 1)
-        return np.column_stack([self.columns(rows), rows])
-
-
-def fit_line(pixels: np.ndarray, *, min_span_px: float = 2) -> LineFit | None:
-    """Least-squares parabola through the pixels (N, 2) (column, row) of one line; None if they do not determine it.
-
-    They need three different rows, and `min_span_px` rows between the first and the last one.
-    """
-    pixels = np.asarray(pixels, float).reshape(-1, 2)
-    if not _determines_parabola(pixels[:, 1], min_span_px):
-        return None
-    x, y = pixels.T
-    powers, centre, half_span = _scaled_powers(y)
-    a, b, c = np.linalg.solve(powers.T @ powers, powers.T @ x)
-    # Coefficients for unscaled rows: substitute (y - centre) / half_span.
-    a, b = a / half_span**2, b / half_span
-    coefficients = (float(a), float(b - 2 * a * centre), float(c - b * centre + a * centre**2))
-    return LineFit(coefficients, len(y))
-
-
-def ransac_line(
-    pixels: np.ndarray,
-    *,
-    trials: int = 100,
-    samples: int = 3,
-    residual_px: float = 15.0,
-    seed: int = 0,
-    min_span_px: float = 2,
-) -> LineFit | None:
-    """Parabola through the largest consensus set (RANSAC, Fischler and Bolles 1981); see `fit_line`.
-
-    Each trial fits `samples` pixels, drawn with replacement, and counts the inliers within `residual_px` columns among
-    at most 2000 evenly spaced pixels. The inliers of the best trial are fitted by least squares. The same `seed` gives
-    the same line. Three pixels determine a parabola; a sample of more is less often free of outliers.
-    """
-    pixels = np.asarray(pixels, float).reshape(-1, 2)
-    if not _determines_parabola(pixels[:, 1], min_span_px):
-        return None
-    x, y = pixels.T
-    powers, _, _ = _scaled_powers(y)
-    drawn = np.random.default_rng(seed).integers(len(x), size=(trials, min(samples, len(x))))
-    p = powers[drawn]
-    # A sample may have fewer than three different rows. The pseudo-inverse then gives a line with few inliers.
-    models = np.linalg.pinv(p.transpose(0, 2, 1) @ p, hermitian=True) @ (p.transpose(0, 2, 1) @ x[drawn][..., None])
-    subset = slice(None, None, -(-len(x) // 2000))
-    inliers = np.abs(powers[subset] @ models[..., 0].T - x[subset, None]) <= residual_px
-    best = models[np.argmax(inliers.sum(axis=0)), :, 0]
-    return fit_line(pixels[np.abs(powers @ best - x) <= residual_px], min_span_px=min_span_px)
-
-
-def _determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
+def determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
+    """Whether there are three different rows, and enough between first and last."""
     if len(rows) < 3:
         return False
     first, last = rows.min(), rows.max()
-    return last - first >= max(min_span_px, 2) and bool(((rows > first) & (rows < last)).any())
+    has_third_row = bool(((rows > first) & (rows < last)).any())
+    return has_third_row and last - first >= min_span_px
 
 
-def _scaled_powers(rows: np.ndarray) -> tuple[np.ndarray, float, float]:
-    """Powers (N, 3) of the rows scaled to -1..1, for well-conditioned normal equations; their centre and half span."""
-    centre, half_span = (rows.min() + rows.max()) / 2, (rows.max() - rows.min()) / 2
-    scaled = (rows - centre) / half_span
-    return np.column_stack([scaled * scaled, scaled, np.ones_like(scaled)]), centre, half_span
+def fit_line(pixels: ArrayLike, *, min_span_px: float = 2) -> np.ndarray | None:
+    """Line (A, B, C) of least squares through pixels (N, 2); None without one.
 
-
-def mean_fit(fits: Sequence[LineFit]) -> LineFit | None:
-    """Mean of the coefficients, with the pixels of all fits; None without fits."""
-    if not fits:
+    The pixels determine a line if they have three different rows, and `min_span_px` rows
+    between the first and the last one.
+    """
+    points = np.asarray(pixels, float).reshape(-1, 2)
+    u, v = points.T
+    if not determines_parabola(v, min_span_px):
         return None
-    a, b, c = np.mean([fit.coefficients for fit in fits], axis=0).tolist()
-    return LineFit((a, b, c), sum(fit.pixels for fit in fits))
+    # as np.polyfit(v, u, 2), in a tenth of its time: with rows from -1 to 1 the normal
+    # equations are well conditioned
+    centre = (v.min() + v.max()) / 2
+    half_span = (v.max() - v.min()) / 2
+    scaled = (v - centre) / half_span
+    powers = np.column_stack([scaled**2, scaled, np.ones_like(scaled)])
+    a, b, c = np.linalg.solve(powers.T @ powers, powers.T @ u)
+    # back to rows in pixels: substitute (v - centre) / half_span
+    a = a / half_span**2
+    b = b / half_span
+    return np.array([a, b - 2 * a * centre, c - b * centre + a * centre**2])
 
 
-def mean_distance_px(fit: LineFit, other: LineFit, height: int) -> float:
-    """Mean absolute distance between two lines over the rows 0..height-1, pixels."""
+def ransac_line(
+    pixels: ArrayLike,
+    *,
+    trials: int = 100,
+    samples: int = 150,
+    residual_px: float = 15.0,
+    seed: int = 0,
+    min_span_px: float = 2,
+) -> np.ndarray | None:
+    """Line (A, B, C) through the largest consensus set; None without one.
+
+    RANSAC (Fischler and Bolles 1981): each trial fits `samples` different pixels and
+    counts the inliers, those within `residual_px` columns of its line; the inliers of the
+    best trial are fitted. The same `seed` gives the same line. Three pixels determine a
+    parabola; recipe C takes 150, which are less often free of outliers.
+    """
+    points = np.asarray(pixels, float).reshape(-1, 2)
+    if not determines_parabola(points[:, 1], min_span_px):
+        return None
+    random = np.random.default_rng(seed)
+    sample_size = min(samples, len(points))
+    best = np.zeros(len(points), bool)
+    for _ in range(trials):
+        chosen = random.choice(len(points), sample_size, replace=False)
+        line = fit_line(points[chosen])
+        if line is None:
+            continue
+        residuals_px = np.abs(points[:, 0] - np.polyval(line, points[:, 1]))
+        inliers = residuals_px <= residual_px
+        if np.count_nonzero(inliers) > np.count_nonzero(best):
+            best = inliers
+    return fit_line(points[best], min_span_px=min_span_px)
+
+
+def line_points(line: ArrayLike, height: int) -> np.ndarray:
+    """Points (N, 2) of a line in every eighth row and the last one, far to near."""
+    rows = np.append(np.arange(0, height - 1, 8), height - 1)
+    return np.column_stack([np.polyval(line, rows), rows])
+
+
+def mean_distance_px(line: ArrayLike, other: ArrayLike, height: int) -> float:
+    """Mean absolute distance of two lines over the rows 0 to height - 1, columns."""
     rows = np.arange(height)
-    return float(np.abs(fit.columns(rows) - other.columns(rows)).mean())
+    distances_px = np.polyval(line, rows) - np.polyval(other, rows)
+    return float(np.abs(distances_px).mean())
 
 
 @dataclass(frozen=True)
 class RoadLine:
-    """A lane line on the road: y(x) = c0 + c1 x + c2 x^2 / 2, x forward and y left of the car, metres."""
+    """A lane line on the road: y(x) = c0 + c1 x + c2 x^2 / 2, metres."""
 
-    c0_m: float
-    c1: float
-    c2_per_m: float
+    c0_m: float  # lateral position at the car, positive left
+    c1: float  # heading
+    c2_per_m: float  # curvature
 
-    def lateral_m(self, x_m: np.ndarray | float) -> np.ndarray | float:
+    def lateral_m(self, x_m: ArrayLike) -> np.ndarray | float:
         """Lateral position at `x_m` metres ahead, positive left."""
-        return self.c0_m + self.c1 * x_m + self.c2_per_m * np.square(x_m) / 2
+        x = np.asarray(x_m, float)
+        return self.c0_m + self.c1 * x + self.c2_per_m * x**2 / 2
 
-    def curvature_per_m(self) -> float:
-        """Signed curvature y'' / (1 + y'^2)^1.5 at the car, in 1/m."""
-        return self.c2_per_m / (1 + self.c1**2) ** 1.5
+    def curvature_per_m(self, x_m: float = 0.0) -> float:
+        """Curvature y'' / (1 + y'^2)^1.5 at `x_m` metres ahead, 1/m, > 0 bends left."""
+        slope = self.c1 + self.c2_per_m * x_m
+        return float(self.c2_per_m / (1 + slope**2) ** 1.5)
 
 
-def road_line(fit: LineFit, to_road: Callable[[np.ndarray], np.ndarray], height: int) -> RoadLine | None:
-    """The line on the road: points of the line in the view, of `height` rows, are mapped to the road and fitted there.
+def road_line(
+    line: ArrayLike, to_road: Callable[[np.ndarray], np.ndarray], height: int
+) -> RoadLine | None:
+    """The line on the road: points of a line of the view, mapped and fitted there.
 
-    `to_road` maps points (N, 2) of the view to metres. None if fewer than three points are below the horizon.
+    `to_road` maps points (N, 2) of the view, of `height` rows, to metres. None if fewer
+    than three points are below the horizon.
     """
     rows = np.linspace(0, height - 1, 60)
-    points = to_road(np.column_stack([fit.columns(rows), rows]))
-    points = points[np.isfinite(points).all(axis=1)]
-    if len(points) < 3 or np.ptp(points[:, 0]) == 0:
+    points_m = to_road(np.column_stack([np.polyval(line, rows), rows]))
+    points_m = points_m[np.isfinite(points_m).all(axis=1)]
+    if len(points_m) < 3 or np.ptp(points_m[:, 0]) == 0:
         return None
-    half_c2, c1, c0 = np.polyfit(points[:, 0], points[:, 1], 2)
+    half_c2, c1, c0 = np.polyfit(points_m[:, 0], points_m[:, 1], 2)
     return RoadLine(float(c0), float(c1), float(2 * half_c2))
 
 
-# 8. Remember: the memory of one line
+def circle_curvature_per_m(points_m: ArrayLike) -> float:
+    """Curvature of the circle through three points (3, 2) of the road, far to near.
+
+    Recipe C measures its RANSAC lines so. > 0 bends left, 0 for points on a straight line.
+    """
+    far, middle, near = np.asarray(points_m, float)
+    first = middle - near
+    second = far - middle
+    doubled_area = first[0] * second[1] - first[1] * second[0]
+    sides_m = (
+        np.linalg.norm(first) * np.linalg.norm(second) * np.linalg.norm(far - near)
+    )
+    return float(2 * doubled_area / sides_m)
 
 
-@dataclass(frozen=True)
+# 8. Remember
+
+
 class Line:
-    """Memory of one line: mean of the last accepted fits, with a gate for new ones. `update` returns the next one."""
+    """Memory of one line, for fits (3,) of consecutive frames.
 
-    length: int  # accepted fits averaged in `average`
-    measured_length: int | None = None  # the same for `measured_average`; default `length`
-    # Largest |dA|, |dB|, |dC| between a new fit and `average`. Within the first limits the fit is accepted, within the
-    # second ones it is damped: its weight is `damped_weight`, and `average` has the rest. Otherwise it is rejected.
-    accept_limits: Limits = (inf, inf, inf)
-    damp_limits: Limits = (0, 0, 0)
-    damped_weight: float = 0.0
-    max_missed: int = 25  # after more missed frames in a row the line starts again: a wrong one must not persist
-    search_again: bool = True  # search with windows in the frame after a miss, not around the previous line
-    fits: tuple[LineFit, ...] = ()
-    missed: int = 0
-    state: str = "lost"
+    A new fit counts fully if no number of it differs by more than `accept` from the mean
+    so far. If it does, but by no more than `damp`, it is doubtful: it counts with
+    `weight`, the mean with the rest. Otherwise it is refused. Doubtful, refused and
+    missing fits count as missed.
+    """
 
-    @property
-    def average(self) -> LineFit | None:
-        """Mean of the last `length` fits; None before the first fit and after too many missed frames."""
-        return mean_fit(self.fits[-self.length :])
-
-    @property
-    def measured_average(self) -> LineFit | None:
-        """Mean of the last `measured_length` fits, for measurements on the road."""
-        return mean_fit(self.fits)
-
-    @property
-    def search_prior(self) -> LineFit | None:
-        """The line around which to search in the next frame; None for a search with sliding windows."""
-        return None if self.missed and self.search_again else self.average
-
-    def update(self, fit: LineFit | None) -> Line:
-        """The memory after the next frame, with the fit of that frame or None.
-
-        Its `state` is "found" if the fit was accepted, "kept" if it was not, "lost" if the memory has no line.
-        """
-        accepted = None if fit is None else self._accept(fit)
-        if accepted is None:
-            missed = self.missed + 1
-            if not self.fits or missed > self.max_missed:
-                return replace(self, fits=(), missed=0, state="lost")
-            return replace(self, missed=missed, state="kept")
-        fits = (*self.fits, accepted)[-(self.measured_length or self.length) :]
-        return replace(self, fits=fits, missed=0, state="found" if accepted is fit else "kept")
-
-    def scaled(self, sx: float, sy: float) -> Line:
-        """The same settings, without fits, for images scaled by `sx` in columns and `sy` in rows."""
-        # A, B and C have the units px/px^2, px/px and px.
-        factors = (sx / sy**2, sx / sy, sx)
-        accept_limits, damp_limits = (
-            tuple(np.multiply(limits, factors).tolist()) for limits in (self.accept_limits, self.damp_limits)
+    def __init__(
+        self,
+        length: int,
+        *,
+        accept: ArrayLike = np.inf,
+        damp: ArrayLike = 0.0,
+        weight: float = 0.0,
+        max_missed: int = 25,
+        on_miss: str = "keep",
+        near: str = "mean",
+    ) -> None:
+        self.length = length  # accepted fits in the mean
+        self.accept = np.asarray(accept, float)
+        self.damp = np.asarray(damp, float)
+        self.weight = weight
+        # Our restart: after more missed frames in a row the line begins again, because a
+        # wrong one must not persist. The authors have none: A and B keep their last line
+        # for ever, and the counter of C does nothing.
+        self.max_missed = max_missed
+        # what a frame without a fit does to the list: "keep" it, "drop newest" fit (A), or
+        # "repeat last" fit (B)
+        self.on_miss = on_miss
+        self.near = near  # search around the "mean" so far or the "last" fit
+        self.fits: list[np.ndarray] = []
+        self.missed = 0  # frames in a row
+        self.state = (
+            "lost"  # "found" in this frame, "kept" from earlier ones, or "lost"
         )
-        return replace(self, accept_limits=accept_limits, damp_limits=damp_limits, fits=(), missed=0, state="lost")
 
-    def _accept(self, fit: LineFit) -> LineFit | None:
-        """The fit if it is accepted, a damped one, or None if it is rejected."""
-        previous = self.average
-        if previous is None:
-            return fit
-        average = np.array(previous.coefficients)
-        change = fit.coefficients - average
-        if (np.abs(change) <= self.accept_limits).all():
-            return fit
-        if self.damped_weight == 0 or (np.abs(change) > self.damp_limits).any():
+    def mean(self) -> np.ndarray | None:
+        """Mean (3,) of the last fits; None without any."""
+        if not self.fits:
             return None
-        return replace(fit, coefficients=tuple((average + self.damped_weight * change).tolist()))
+        return np.mean(self.fits, axis=0)
+
+    def search_near(self) -> np.ndarray | None:
+        """The line around which to search in the next frame; None: use windows."""
+        if self.missed or not self.fits:
+            return None
+        return self.fits[-1] if self.near == "last" else self.mean()
+
+    def update(self, fit: np.ndarray | None) -> np.ndarray | None:
+        """Take the fit of the next frame, or None; returns the mean so far."""
+        if fit is None:
+            self.miss_fit()
+            return self.mean()
+
+        mean = self.mean()
+        share = self.share_of(fit)
+        if share > 0:
+            damped = fit if mean is None else mean + share * (fit - mean)
+            self.fits.append(damped)
+            self.fits = self.fits[-self.length :]
+        if share == 1:
+            self.missed = 0
+            self.state = "found"
+        else:
+            self.count_missed()
+        return self.mean()
+
+    def share_of(self, fit: np.ndarray) -> float:
+        """How much a new fit counts: 1, `weight` if it is doubtful, 0 if it is refused."""
+        mean = self.mean()
+        if mean is None:
+            return 1.0
+        change = np.abs(fit - mean)
+        if np.all(change <= self.accept):
+            return 1.0
+        return self.weight if np.all(change <= self.damp) else 0.0
+
+    def miss_fit(self) -> None:
+        """A frame without a fit."""
+        if self.on_miss == "drop newest" and len(self.fits) > 1:
+            self.fits.pop()
+        if self.on_miss == "repeat last" and self.fits:
+            self.fits.append(self.fits[-1])
+            self.fits = self.fits[-self.length :]
+        self.count_missed()
+
+    def count_missed(self) -> None:
+        """Keep the line, or begin again after too many missed frames."""
+        self.missed += 1
+        if self.missed > self.max_missed:
+            self.fits = []
+            self.missed = 0
+        self.state = "kept" if self.fits else "lost"
+
+    def fresh(self, scale_u: float = 1.0, scale_v: float = 1.0) -> Line:
+        """An empty memory with the same rules, for images scaled in columns and rows."""
+        # units of A, B and C: px/px^2, px/px and px
+        units = np.array([scale_u / scale_v**2, scale_u / scale_v, scale_u])
+        return Line(
+            self.length,
+            accept=self.accept * units,
+            damp=self.damp * units,
+            weight=self.weight,
+            max_missed=self.max_missed,
+            on_miss=self.on_miss,
+            near=self.near,
+        )
 
 
-# The recipes: all numbers of the three lane finders, for images of 1280 x 720 pixels
+# The recipes: all numbers of the three finders, for images of 1280 x 720 pixels
 
 POSE_SUFFIX = "_pose"  # of the name of a recipe with points from the camera pose
-# The published top row is 41 m away in the embedded images, in a camera that looks farther up much farther.
-_MAX_FAR_EDGE_M = 60.0
+# The published top row is 41 m away in the course's images, and much farther for a camera
+# that looks up.
+MAX_FAR_EDGE_M = 60.0
 
 
 @dataclass(frozen=True)
@@ -560,181 +1233,236 @@ class Recipe:
     destination_px: Points
     thresholds: Thresholds  # of stills
     video_thresholds: Thresholds
-    margin_px: float  # half width of the windows, and of the band around the line of the previous frames (video)
-    still_band_px: float  # half width of the band around the line of the windows (stills)
-    memories: tuple[Line, ...]  # empty ones of the left and the right line
+    margin_px: float  # half width of the windows, and of the band in videos
+    still_band_px: (
+        float  # half width of the band around the line of the windows in stills
+    )
+    left_line: Line  # empty; `LaneFinder` works with fresh ones
+    right_line: Line
     size: tuple[int, int] = (1280, 720)  # (width, height)
-    warp_first: bool = False  # warp the colour image and then threshold it, or warp the binaries
+    warp_first: bool = (
+        False  # warp the image and then threshold it, or warp the binaries
+    )
     histogram_rows_px: tuple[int, int] = (360, 720)
     recentre_pixels: int = 50
     flood_pixels: int | None = None
-    ransac_px: float | None = None  # inlier threshold; None fits by least squares
-    ransac_samples: int = 150
-    # Smallest share of the pixels in the search band that must be inliers. A noisy channel fills the band evenly and
-    # would otherwise confirm the previous line forever. On motorway stills paint has 0.5 to 1, noise 0.2 to 0.38.
-    min_inlier_ratio: float = 0.4
-    min_span_px: float = 160  # two windows: a shorter line does not determine a curvature
+    # binaries for the left and the right line of the first frame, and of a later one
+    # before which a line is not known
+    first_binaries: tuple[str, str] = ("combined", "combined")
+    unknown_binaries: tuple[str, str] = ("combined", "combined")
+    # search both lines with windows as soon as one of them was missed
+    search_together: bool = True
+    measured_fits: int | None = None  # measure the mean of so many fits in metres
+    min_span_px: float = 160  # two windows: a shorter line determines no curvature
 
     def four_point_warp(self) -> FourPointWarp:
         """The homography from the undistorted image to the bird's-eye view."""
-        return FourPointWarp(np.array(self.source_px), np.array(self.destination_px), self.size)
-
-    def require_size(self, camera: Camera) -> None:
-        """Raise CameraError unless the recipe is for images of the camera's size."""
-        if self.size != camera.size:
-            raise CameraError(
-                f"recipe {self.name} is for {self.size[0]}x{self.size[1]} pictures, but the camera was "
-                f"calibrated for {camera.width}x{camera.height}; use get_recipe(name, camera.size)."
-            )
+        return FourPointWarp(self.source_px, self.destination_px, self.size)
 
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for images resized to `size` (width, height).
 
-        Lengths, pixel counts and kernels are scaled. Gradients are not, because a smaller image has sharper edges.
-        Raises ValueError if the size is not positive.
+        Lengths, counts of pixels and kernels are scaled. Gradients are not, because a
+        smaller image has sharper edges. Raises ValueError if the size is not positive.
         """
         width, height = size
         if width < 1 or height < 1:
             raise ValueError(
-                f"a picture size of {width}x{height} pixels is not valid; give the width and height of the pictures."
+                f"an image of {width}x{height} pixels is not possible; give its width and "
+                "height."
             )
-        sx, sy = width / self.size[0], height / self.size[1]
-        area = sx * sy
+        scale_u = width / self.size[0]
+        scale_v = height / self.size[1]
+        area = scale_u * scale_v
         first_row, end_row = self.histogram_rows_px
-        columns = {name: getattr(self, name) for name in ("margin_px", "still_band_px", "ransac_px")}
+        flood_pixels = self.flood_pixels
+        if flood_pixels is not None:
+            flood_pixels = max(round(flood_pixels * area), 1)
         return replace(
             self,
-            **{name: value and value * sx for name, value in columns.items()},
             size=(width, height),
-            source_px=resize_points(np.array(self.source_px), (sx, sy)).tolist(),
-            destination_px=resize_points(np.array(self.destination_px), (sx, sy)).tolist(),
+            source_px=resize_points(self.source_px, scale_u, scale_v),
+            destination_px=resize_points(self.destination_px, scale_u, scale_v),
             thresholds=self.thresholds.scaled(area**0.5),
             video_thresholds=self.video_thresholds.scaled(area**0.5),
-            histogram_rows_px=(round(first_row * sy), round(end_row * sy)),
+            margin_px=self.margin_px * scale_u,
+            still_band_px=self.still_band_px * scale_u,
+            left_line=self.left_line.fresh(scale_u, scale_v),
+            right_line=self.right_line.fresh(scale_u, scale_v),
+            histogram_rows_px=(round(first_row * scale_v), round(end_row * scale_v)),
             recentre_pixels=max(round(self.recentre_pixels * area), 1),
-            flood_pixels=self.flood_pixels and max(round(self.flood_pixels * area), 1),
-            min_span_px=self.min_span_px * sy,
-            memories=tuple(m.scaled(sx, sy) for m in self.memories),
+            flood_pixels=flood_pixels,
+            min_span_px=self.min_span_px * scale_v,
         )
 
 
-def _hls_sobel(gradient: float) -> Thresholds:
-    """Recipe A, on the warped colour image, with the lowest `gradient` of stills or of video.
+def resize_points(points_px: Points, scale_u: float, scale_v: float) -> Points:
+    """Points (N, 2) of a resized image; pixel centres are at whole numbers."""
+    scale = (scale_u, scale_v)
+    resized = (np.array(points_px) + 0.5) * scale - 0.5
+    return resized.tolist()
 
-    The published range of gradient directions is left out, because 0 to pi/2 includes all directions. Saturation
-    changes by nearly its full range next to white pixels, so the scale of its gradient is the full range.
+
+def hls_sobel_thresholds(lowest: float) -> Thresholds:
+    """Recipe A, on the warped colour image; `lowest` is 20 in stills and 15 in videos.
+
+    Its range of directions is left out: 0 to pi / 2 includes all. Saturation changes by
+    nearly its full range next to white pixels, so a full step is the full range.
     """
-    rules = {
-        "saturation": ((Levels("HLS S", 120, 255), Levels("HLS L", 30, 255)),),
-        "gradient x": ((Levels("HLS L", gradient, 255, "gradient x", full_step=75),),),
-        "magnitude": ((Levels("HLS S", gradient, 255, "magnitude", full_step=255),),),
-    }
-    return Thresholds(rules, combined=tuple(rules))
+    saturated = Levels("HLS S", 120, 255)
+    not_dark = Levels("HLS L", 30, 255)
+    edges = Levels("HLS L", lowest, 255, "gradient x", full_step=75)
+    strong = Levels("HLS S", lowest, 255, "magnitude", full_step=255)
+    return Thresholds(
+        rules={
+            "saturation": [[saturated, not_dark]],
+            "gradient x": [[edges]],
+            "magnitude": [[strong]],
+        },
+        combined=("saturation", "gradient x", "magnitude"),
+    )
 
 
-_EQUALIZED_HSV = Thresholds(
-    rules={
-        "white": ((Levels("equalized", 251, 255),),),
-        "yellow": ((Levels("HSV H", 0, 50), Levels("HSV S", 70, 255), Levels("HSV V", 70, 255)),),
-        "magnitude": ((Levels("gray", 51, 255, "magnitude", full_step=195, kernel=9),),),
-    },
-    combined=("white", "yellow", "magnitude"),
-    close_px=5,
+def equalized_hsv_thresholds() -> Thresholds:
+    """Recipe B, on the undistorted image: white above 250, edges above 50."""
+    hue = Levels("HSV H", 0, 50)
+    saturation = Levels("HSV S", 70, 255)
+    value = Levels("HSV V", 70, 255)
+    strong = Levels("gray", 51, 255, "magnitude", full_step=195, kernel=9)
+    return Thresholds(
+        rules={
+            "white": [[Levels("equalized", 251, 255)]],
+            "yellow": [[hue, saturation, value]],
+            "magnitude": [[strong]],
+        },
+        combined=("white", "yellow", "magnitude"),
+        close_px=5,
+    )
+
+
+def best_channel_thresholds() -> Thresholds:
+    """Recipe C, on the undistorted image.
+
+    Its author excludes the lower end of a range of values: red is above 210. The gradients
+    include both ends.
+    """
+    slanted = (0.7, 1.2)  # radians
+    steep_x = Levels("gray", 100, 200, "gradient x", full_step=180)
+    steep_y = Levels("gray", 100, 200, "gradient y", full_step=180)
+    strong = Levels("gray", 10, 225, "magnitude", full_step=180)
+    direction = Levels("gray", 0.7, 1.2, "direction")
+    return Thresholds(
+        # in the author's order: of two equally good binaries the first one is taken
+        rules={
+            "red": [[Levels("RGB R", 211, 255)]],
+            "gradients": [[steep_x, steep_y], [strong, direction]],
+            "hue": [[Levels("HLS H", 21, 80, edges_rad=slanted)]],
+            "saturation": [[Levels("HLS S", 86, 255)]],
+            "luv lightness": [[Levels("Luv L", 226, 255)]],
+            "lab b": [[Levels("Lab b", 156, 200, edges_rad=slanted)]],
+        },
+        combined=("saturation", "red", "lab b"),
+        candidates=("red", "gradients", "hue", "saturation", "luv lightness", "lab b"),
+        # without the sky and the adjacent lanes
+        region=((0, 1), (0.45, 1 / 1.8), (0.55, 1 / 1.8), (0.99, 1)),
+    )
+
+
+HLS_SOBEL = Recipe(
+    name="hls_sobel",
+    source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
+    destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
+    warp_first=True,
+    thresholds=hls_sobel_thresholds(lowest=20),
+    video_thresholds=hls_sobel_thresholds(lowest=15),
+    margin_px=80,
+    still_band_px=80,
+    left_line=Line(5, accept=(0.001, 1.0, 100), on_miss="drop newest"),
+    right_line=Line(5, accept=(0.001, 1.0, 100), on_miss="drop newest"),
 )
-_SLANTED = Levels("gray", 0.7, 1.2, "direction")
-_BEST_CHANNEL = Thresholds(
-    rules={
-        "red": ((Levels("RGB R", 210, 255),),),
-        "gradients": (
-            (Levels("gray", 100, 200, "gradient x", 180), Levels("gray", 100, 200, "gradient y", 180)),
-            (Levels("gray", 10, 225, "magnitude", 180), _SLANTED),
-        ),
-        "hue": ((Levels("HLS H", 20, 80), _SLANTED),),
-        "saturation": ((Levels("HLS S", 85, 255),),),
-        "luv lightness": ((Levels("Luv L", 225, 255),),),
-        "lab b": ((Levels("Lab b", 155, 200), _SLANTED),),
-    },
-    combined=("saturation", "red", "lab b"),
-    candidates=("red", "gradients", "hue", "saturation", "luv lightness", "lab b"),
-    # It excludes the sky and the adjacent lanes.
-    region=((0, 1), (0.45, 1 / 1.8), (0.55, 1 / 1.8), (0.99, 1)),
+EQUALIZED_HSV = Recipe(
+    name="equalized_hsv",
+    source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
+    destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
+    thresholds=equalized_hsv_thresholds(),
+    video_thresholds=equalized_hsv_thresholds(),
+    histogram_rows_px=(360, 690),
+    margin_px=100,
+    still_band_px=100,
+    left_line=Line(10, on_miss="repeat last", near="last"),
+    right_line=Line(10, on_miss="repeat last", near="last"),
+    measured_fits=20,
 )
-# The left line of recipe C is damped more than the right one, and starts again sooner.
-_BEST_CHANNEL_MEMORIES = tuple(
-    Line(30, None, accept_limits=(7e-5, inf, 50), damp_limits=(damp_a, inf, 150), damped_weight=w, max_missed=missed)
-    for damp_a, w, missed in ((12e-5, 0.05, 8), (15e-5, 0.15, 10))
+BEST_CHANNEL = Recipe(
+    name="best_channel",
+    source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
+    destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
+    thresholds=best_channel_thresholds(),
+    video_thresholds=best_channel_thresholds(),
+    margin_px=75,
+    still_band_px=100,
+    flood_pixels=9500,
+    # good: |dA| up to 7e-5 and |dC| up to 50 px; doubtful: up to 12e-5 on the left and
+    # 15e-5 on the right, and 150 px
+    left_line=Line(
+        30, accept=(7e-5, np.inf, 50), damp=(12e-5, np.inf, 150), weight=0.05
+    ),
+    right_line=Line(
+        30, accept=(7e-5, np.inf, 50), damp=(15e-5, np.inf, 150), weight=0.15
+    ),
+    first_binaries=("gradients", "red"),
+    unknown_binaries=("lab b", "red"),
+    search_together=False,
 )
-RECIPES = {
-    "hls_sobel": Recipe(
-        name="hls_sobel",
-        source_px=((580, 460), (740, 460), (1100, 670), (270, 670)),
-        destination_px=((200, 0), (1080, 0), (1080, 720), (200, 720)),
-        warp_first=True,
-        thresholds=_hls_sobel(gradient=20),
-        video_thresholds=_hls_sobel(gradient=15),
-        margin_px=80,
-        still_band_px=80,
-        memories=(Line(length=5, accept_limits=(0.001, 1.0, 100)),) * 2,
-    ),
-    "equalized_hsv": Recipe(
-        name="equalized_hsv",
-        source_px=((1280, 710), (0, 710), (546, 460), (732, 460)),
-        destination_px=((1280, 720), (0, 720), (0, 0), (1280, 0)),
-        thresholds=_EQUALIZED_HSV,
-        video_thresholds=_EQUALIZED_HSV,
-        histogram_rows_px=(360, 690),
-        margin_px=100,
-        still_band_px=100,
-        memories=(Line(length=10, measured_length=20, search_again=False),) * 2,
-    ),
-    "best_channel": Recipe(
-        name="best_channel",
-        source_px=((249, 690), (579, 460), (704, 460), (1058, 690)),
-        destination_px=((249, 720), (249, 0), (1058, 0), (1058, 720)),
-        thresholds=_BEST_CHANNEL,
-        video_thresholds=_BEST_CHANNEL,
-        margin_px=75,
-        still_band_px=100,
-        flood_pixels=9500,
-        ransac_px=15,
-        memories=_BEST_CHANNEL_MEMORIES,
-    ),
-}
+RECIPES = {recipe.name: recipe for recipe in (HLS_SOBEL, EQUALIZED_HSV, BEST_CHANNEL)}
 
 
 def get_recipe(name: str, size: tuple[int, int] = (1280, 720)) -> Recipe:
-    """A recipe by name, for images of `size` (width, height). Raises ValueError if there is none, or no such size."""
+    """A recipe by name, for images of `size` (width, height).
+
+    Raises ValueError if there is none of this name, or the size is not positive.
+    """
     if name not in RECIPES:
-        raise ValueError(f"there is no recipe {name!r}; the recipes are {', '.join(RECIPES)}.")
+        names = ", ".join(RECIPES)
+        raise ValueError(f"there is no recipe {name!r}; the recipes are {names}.")
     return RECIPES[name].scaled(size)
 
 
-def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
-    """The recipe, named "..._pose", with the source points of a true rectangle on the road.
+def recipe_from_pose(recipe: Recipe, image_to_road: np.ndarray) -> Recipe:
+    """The recipe, named "..._pose", with points that are a rectangle on the road.
 
-    The published points were chosen for another camera pose. With these points the view is a map of the road with two
-    constant scales. The edges of the rectangle are parallel to the car's axis and equally far to the left and right of
-    the camera. Its near and far edge are where the centre column of the image crosses the published bottom and top row,
-    the far edge at most 60 m ahead. Its width is the published one at the near edge. Points may lie outside the image.
-    Raises CameraError if the camera has no pose or another size, or the near edge is not on the road.
+    The published points were chosen for another camera. With these the view is a map of
+    the road with two constant scales. The edges of the rectangle are parallel to the car's
+    axis, equally far to the left and right of the camera. The near and the far one are
+    where the centre column crosses the published bottom and top row, at most 60 m ahead.
+    The width is the published one at the near edge. Points may lie outside the image.
+
+    `image_to_road` is for images of the recipe's size. Raises ValueError if the near edge
+    is not on the road.
     """
-    pose = camera.require_pose()
-    recipe.require_size(camera)
-    pinhole = replace(camera, distortion=np.zeros(5))  # the points are those of the undistorted image
-    source = np.array(recipe.source_px)
-    u, v = source.T
-    left, near = u < u.mean(), v > v.mean()
-    centre = (camera.width - 1) / 2
-    near_m, far_m = pinhole.pixels_to_road(np.array([(centre, v[near].mean()), (centre, v[~near].mean())]))[:, 0]
-    half_width_m = np.ptp(pinhole.pixels_to_road(source[near])[:, 1]) / 2
-    x = np.where(near, near_m, np.fmin(far_m, _MAX_FAR_EDGE_M))
-    points = pinhole.road_to_pixels(np.column_stack([x, np.where(left, half_width_m, -half_width_m)]))
-    if not (np.isfinite(points).all() and near_m < _MAX_FAR_EDGE_M):
-        raise CameraError(
-            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead ({pose.describe()}); "
-            "correct the camera pose."
+    source_px = np.array(recipe.source_px, float)
+    u, v = source_px.T
+    is_left = u < u.mean()
+    is_near = v > v.mean()
+
+    # where the edges are on the road
+    centre = (recipe.size[0] - 1) / 2
+    edges_px = [(centre, v[is_near].mean()), (centre, v[~is_near].mean())]
+    near_m, far_m = pixels_to_road(edges_px, image_to_road)[:, 0]
+    near_corners_m = pixels_to_road(source_px[is_near], image_to_road)
+    half_width_m = np.ptp(near_corners_m[:, 1]) / 2
+    far_m = np.fmin(far_m, MAX_FAR_EDGE_M)
+
+    x_m = np.where(is_near, near_m, far_m)
+    y_m = np.where(is_left, half_width_m, -half_width_m)
+    points_px = road_to_pixels(np.column_stack([x_m, y_m]), image_to_road)
+    if not np.isfinite(points_px).all() or near_m >= MAX_FAR_EDGE_M:
+        raise ValueError(
+            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead of "
+            "this camera; correct its height and pitch."
         )
-    return replace(recipe, name=recipe.name + POSE_SUFFIX, source_px=points.tolist())
+    name = recipe.name + POSE_SUFFIX
+    return replace(recipe, name=name, source_px=points_px.tolist())
 
 
 # The finder: one image, or the frames of a video
@@ -742,257 +1470,790 @@ def recipe_from_pose(recipe: Recipe, camera: Camera) -> Recipe:
 
 @dataclass(frozen=True, eq=False)
 class FoundLine:
-    """One line of one frame, before the memory: fit, pixels (N, 2), name of the channel, search windows (M, 4)."""
+    """One line of one frame, before the memory."""
 
-    fit: LineFit | None
-    pixels: np.ndarray
-    channel: str
-    windows: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    fit: np.ndarray | None  # (3,)
+    pixels: np.ndarray  # (N, 2) that were fitted
+    binary: str  # name of the binary that they are from
+    windows: np.ndarray  # (M, 4) of the search; M = 0 if it was a band
 
 
 @dataclass(frozen=True, eq=False)
 class LaneResult:
-    """The lane in one frame with its intermediate results; a measurement is None if the lines it needs are missing.
+    """The lane in one frame, with intermediate results.
 
-    Curvature > 0: the road bends left; offset > 0: the car is left of the lane centre. "found": both lines are measured
-    in this frame; "kept": at least one is from memory; "lost": a line is missing.
+    Curvature > 0: the road bends left; offset > 0: the car is left of the lane centre. A
+    measurement is None if a line that it needs is missing. `state` is "found" if both
+    lines are measured in this frame, "kept" if one is from memory, "lost" if one is
+    missing.
     """
 
-    left: LineFit | None  # in the bird's-eye view, smoothed by the memory if there is one
-    right: LineFit | None
+    left: (
+        np.ndarray | None
+    )  # (3,) in the bird's-eye view, from the memory if there is one
+    right: np.ndarray | None
     left_road: RoadLine | None
     right_road: RoadLine | None
-    state: str  # "found", "kept" or "lost"
+    state: str
     undistorted: np.ndarray  # (height, width, 3)
-    masks: dict[str, np.ndarray]  # all binaries, of the view if the recipe warps first, else of the undistorted image
-    warped_binary: np.ndarray  # binary with the pixels of both lines, in the bird's-eye view
-    left_found: FoundLine  # of this frame without the memory
+    # all binaries: of the view if the recipe warps first, else of the undistorted image
+    masks: dict[str, np.ndarray]
+    warped_binary: np.ndarray  # that with the pixels of both lines, in the view
+    left_found: FoundLine  # of this frame, without the memory
     right_found: FoundLine
     warp: FourPointWarp
 
     @property
     def lines_px(self) -> list[np.ndarray | None]:
-        """Points (N, 2) of both lines in the undistorted image, from far to near; None for a line that is missing."""
-        lines = (None if line is None else line.points(self.warp.size[1]) for line in (self.left, self.right))
-        return [None if points is None else self.warp.points_to_image(points) for points in lines]
+        """Points (N, 2) of both lines in the undistorted image, far to near, or None."""
+        height = self.warp.size[1]
+        lines: list[np.ndarray | None] = []
+        for line in (self.left, self.right):
+            if line is None:
+                lines.append(None)
+            else:
+                lines.append(self.warp.points_to_image(line_points(line, height)))
+        return lines
 
     @property
     def curvature_per_m(self) -> float | None:
-        """Mean curvature of the available lines in 1/m, > 0 bends left."""
-        lines = [line.curvature_per_m() for line in (self.left_road, self.right_road) if line]
-        return sum(lines) / len(lines) if lines else None
+        """Mean curvature of the lines that are there, 1/m, > 0 bends left."""
+        lines = [line for line in (self.left_road, self.right_road) if line is not None]
+        if not lines:
+            return None
+        return float(np.mean([line.curvature_per_m() for line in lines]))
 
     @property
     def offset_m(self) -> float | None:
-        """Offset from the lane centre in metres, > 0: car left of the lane centre."""
-        sides_m = self.lateral_m(np.zeros(1))
-        return None if sides_m is None else -float(sides_m.mean())
+        """Offset of the car from the lane centre, metres, > 0: left of it."""
+        if self.left_road is None or self.right_road is None:
+            return None
+        return -(self.left_road.c0_m + self.right_road.c0_m) / 2
 
     @property
     def lane_width_m(self) -> float | None:
-        """Distance between the lines at the car in metres, perpendicular to the lane."""
+        """Distance between the lines at the car, perpendicular to the lane, metres."""
         if self.left_road is None or self.right_road is None:
             return None
-        left, right = self.left_road, self.right_road
-        return (left.c0_m - right.c0_m) / float(np.hypot(1, (left.c1 + right.c1) / 2))
+        heading = (self.left_road.c1 + self.right_road.c1) / 2
+        across_m = self.left_road.c0_m - self.right_road.c0_m
+        return float(across_m / np.hypot(1, heading))
 
-    def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral positions (2, N) of the left and right line at distances (N,), metres; None if a line is missing."""
+    def lateral_m(self, x_m: ArrayLike) -> np.ndarray | None:
+        """Lateral positions (2, N) of the lines at (N,) metres ahead; None without both."""
         if self.left_road is None or self.right_road is None:
             return None
         return np.array([self.left_road.lateral_m(x_m), self.right_road.lateral_m(x_m)])
 
     def as_row(self) -> dict[str, str | float | None]:
-        """Measurements by the column names of the telemetry."""
-        row = {name: getattr(self, name) for name in ("state", "offset_m", "curvature_per_m", "lane_width_m")}
-        lines, names = {"left": self.left_road, "right": self.right_road}, ("c0_m", "c1", "c2_per_m")
-        return row | {f"{side}_{name}": line and getattr(line, name) for side, line in lines.items() for name in names}
+        """The measurements by the column names of the telemetry."""
+        row: dict[str, str | float | None] = {
+            "state": self.state,
+            "offset_m": self.offset_m,
+            "curvature_per_m": self.curvature_per_m,
+            "lane_width_m": self.lane_width_m,
+        }
+        for side, line in (("left", self.left_road), ("right", self.right_road)):
+            row[f"{side}_c0_m"] = None if line is None else line.c0_m
+            row[f"{side}_c1"] = None if line is None else line.c1
+            row[f"{side}_c2_per_m"] = None if line is None else line.c2_per_m
+        return row
 
 
-@dataclass(frozen=True, eq=False)
-class Channel:
-    """One binary of a frame with the line search of a recipe; warping and window search run at most once."""
+class View:
+    """One binary in the bird's-eye view, with the line search of a recipe."""
 
-    name: str
-    mask: np.ndarray  # of the view if the recipe warps first, else of the undistorted image
-    recipe: Recipe
-    warp: FourPointWarp
-
-    @cached_property
-    def binary(self) -> np.ndarray:
-        """The binary in the bird's-eye view."""
-        return self.mask if self.recipe.warp_first else self.warp.image_to_birdseye(self.mask)
+    def __init__(self, name: str, binary: np.ndarray, recipe: Recipe) -> None:
+        self.name = name
+        self.binary = binary
+        self.recipe = recipe
 
     @cached_property
     def pixels(self) -> np.ndarray:
-        """Set pixels (N, 2) of the bird's-eye view."""
+        """Set pixels (N, 2)."""
         return binary_pixels(self.binary)
 
     @cached_property
     def search(self) -> WindowSearch:
-        """Sliding-window search of both lines."""
-        names = "margin_px", "recentre_pixels", "flood_pixels", "histogram_rows_px"
-        return sliding_windows(self.binary, **{name: getattr(self.recipe, name) for name in names})
+        """The window search of both lines."""
+        return sliding_windows(
+            self.binary,
+            margin_px=self.recipe.margin_px,
+            recentre_pixels=self.recipe.recentre_pixels,
+            flood_pixels=self.recipe.flood_pixels,
+            histogram_rows_px=self.recipe.histogram_rows_px,
+        )
 
-    def line_from_windows(self, side: int) -> FoundLine:
-        """Left (0) or right (1) line: fit the pixels in the windows, then those in a band around that fit."""
-        pixels, windows = self.search.pixels[side], self.search.windows[side]
-        first = self._fit(pixels)
-        if first is None:
-            return FoundLine(None, pixels, self.name, windows)
-        return replace(self.line_near(first, self.recipe.still_band_px), windows=windows)
+    def line_in_windows(self, side: int) -> FoundLine:
+        """The left (0) or right (1) line, fitted to the pixels in its windows."""
+        pixels = self.search.pixels[side]
+        fit = fit_line(pixels, min_span_px=self.recipe.min_span_px)
+        return FoundLine(fit, pixels, self.name, self.search.windows[side])
 
-    def line_near(self, known: LineFit, margin_px: float) -> FoundLine:
-        """Fit the pixels within `margin_px` of a known line, along the row."""
-        pixels = band_pixels(self.pixels, known, margin_px)
-        return FoundLine(self._fit(pixels), pixels, self.name)
+    def line_in_band(self, near: np.ndarray, margin_px: float) -> FoundLine:
+        """The line fitted to the pixels within `margin_px` of another one."""
+        pixels = band_pixels(self.pixels, near, margin_px)
+        fit = fit_line(pixels, min_span_px=self.recipe.min_span_px)
+        return FoundLine(fit, pixels, self.name, np.empty((0, 4)))
 
-    def _fit(self, pixels: np.ndarray) -> LineFit | None:
-        r = self.recipe
-        if r.ransac_px is None:
-            return fit_line(pixels, min_span_px=r.min_span_px)
-        fit = ransac_line(pixels, samples=r.ransac_samples, residual_px=r.ransac_px, min_span_px=r.min_span_px)
-        return fit if fit and fit.pixels >= r.min_inlier_ratio * len(pixels) else None
+    def line_in_still(self, side: int) -> FoundLine:
+        """The line in windows, and then in the band around it."""
+        first = self.line_in_windows(side)
+        if first.fit is None:
+            return first
+        second = self.line_in_band(first.fit, self.recipe.still_band_px)
+        return replace(second, windows=first.windows)
 
 
-def nearest_line(channels: Sequence[Channel], memory: Line, side: int) -> FoundLine:
-    """The line of the channel whose fit is closest to the average in `memory`."""
-    prior, average = memory.search_prior, memory.average
-    lines = [c.line_near(prior, c.recipe.margin_px) if prior else c.line_from_windows(side) for c in channels]
-    height = channels[0].recipe.size[1]
-    return min(lines, key=lambda line: mean_distance_px(line.fit, average, height) if line.fit and average else inf)
+def nearest_line(
+    candidates: Sequence[FoundLine], line_so_far: np.ndarray, height: int
+) -> FoundLine:
+    """The candidate whose fit is closest to the line so far; of equal ones the first."""
+    best = candidates[0]
+    best_distance_px = np.inf
+    for candidate in candidates:
+        if candidate.fit is None:
+            continue
+        distance_px = mean_distance_px(candidate.fit, line_so_far, height)
+        if distance_px < best_distance_px:
+            best = candidate
+            best_distance_px = distance_px
+    return best
 
 
 class LaneFinder:
-    """Lane detection with a recipe: `find` for a still, `follow` for the consecutive frames of one drive.
+    """Finds the lane with a recipe: `find` in a still, `follow` in the frames of a drive.
 
-    The intrinsics of `camera` undistort the images; its pose projects pixels to the road, unless `metres_per_px` is
-    given, (metres per column, metres per row) of the view, for example (3.7 / 700, 30 / 720) in the originals. Raises
-    CameraError if the recipe is for another size than the camera, or neither a pose nor scales are given.
+    `lens` undistorts the images. `image_to_road`, see `road_homography`, places the lines
+    on the road; with `metres_per_px`, (metres per column, metres per row) of the view, for
+    example (3.7 / 700, 30 / 720), the two usual scales do. Raises ValueError if there is
+    neither, or the recipe is for another size than the lens.
     """
 
-    def __init__(self, recipe: Recipe, camera: Camera, *, metres_per_px: tuple[float, float] | None = None) -> None:
-        recipe.require_size(camera)
-        if camera.pose is None and metres_per_px is None:
-            raise CameraError(
-                "this camera has no pose (height and angles), so nothing can be measured on the road; "
-                "give it one, or give metres_per_px."
+    def __init__(
+        self,
+        recipe: Recipe,
+        lens: Lens,
+        image_to_road: np.ndarray | None = None,
+        *,
+        metres_per_px: tuple[float, float] | None = None,
+    ) -> None:
+        if recipe.size != tuple(lens.size):
+            raise ValueError(
+                f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} images, "
+                f"but the lens for {lens.size[0]}x{lens.size[1]}; use get_recipe(name, "
+                "lens.size)."
             )
-        self.recipe, self.camera, self.warp = recipe, camera, recipe.four_point_warp()
-        self._to_road = partial(birdseye_to_road, warp=self.warp, camera=camera)
+        self.recipe = recipe
+        self.lens = lens
+        self.warp = recipe.four_point_warp()
         if metres_per_px is not None:
-            self._to_road = partial(scale_to_road, metres_per_px=metres_per_px, birdseye_size=recipe.size)
-        self._memories = recipe.memories
+            self.to_road = partial(
+                scale_to_road, metres_per_px=metres_per_px, birdseye_size=recipe.size
+            )
+        elif image_to_road is not None:
+            self.to_road = partial(
+                birdseye_to_road, warp=self.warp, image_to_road=image_to_road
+            )
+        else:
+            raise ValueError(
+                "nothing can be measured on the road without a scale; give image_to_road, "
+                "or metres_per_px."
+            )
+        self.lines = [recipe.left_line.fresh(), recipe.right_line.fresh()]
+        # recipe B measures the mean of more fits, in metres
+        measured_fits = recipe.measured_fits or 1
+        self.road_lines = [
+            Line(measured_fits, on_miss="repeat last"),
+            Line(measured_fits, on_miss="repeat last"),
+        ]
+        self.is_first_frame = True
 
     def find(self, image: np.ndarray) -> LaneResult:
-        """The lane in one raw RGB image, without memory; raises PictureError if it is not of the camera's size."""
-        undistorted, channels = self._threshold(image, self.recipe.thresholds)
-        lines = [channels["combined"].line_from_windows(side) for side in (0, 1)]
-        fits = [line.fit for line in lines]
-        state = "found" if all(fits) else "lost"
-        return self._result(undistorted, channels, lines, (fits, fits), state)
+        """The lane in one raw RGB image, without memory.
+
+        Raises ValueError if the image is not RGB or of another size than the lens.
+        """
+        undistorted = undistort(image, self.lens)
+        masks = self.threshold(undistorted, self.recipe.thresholds)
+        view = self.look_from_above("combined", masks)
+        found = [view.line_in_still(side) for side in (0, 1)]
+        fits = [line.fit for line in found]
+        return self.result(
+            undistorted=undistorted,
+            masks=masks,
+            views={"combined": view},
+            found=found,
+            lines=fits,
+            roads=[self.place_on_road(fit) for fit in fits],
+            state="lost" if fits[0] is None or fits[1] is None else "found",
+        )
 
     def follow(self, image: np.ndarray) -> LaneResult:
-        """The lane in the next frame of a drive, with the memory of the previous frames; see `find`."""
-        undistorted, channels = self._threshold(image, self.recipe.video_thresholds)
-        candidates = [channels[name] for name in self.recipe.video_thresholds.candidates]
-        lines = [
-            nearest_line(candidates, memory, side) if memory.average else channels["combined"].line_from_windows(side)
-            for side, memory in enumerate(self._memories)
-        ]
-        self._memories = tuple(m.update(line.fit) for m, line in zip(self._memories, lines, strict=True))
-        state = min((memory.state for memory in self._memories), key=["lost", "kept", "found"].index)
-        fits = [m.average for m in self._memories], [m.measured_average for m in self._memories]
-        return self._result(undistorted, channels, lines, fits, state)
+        """The lane in the next frame of a drive, with the memory of the frames before."""
+        thresholds = self.recipe.video_thresholds
+        undistorted = undistort(image, self.lens)
+        masks = self.threshold(undistorted, thresholds)
+        names = {*thresholds.candidates, *self.recipe.first_binaries}
+        names.update(self.recipe.unknown_binaries)
+        views = {name: self.look_from_above(name, masks) for name in names}
 
-    def _threshold(self, image: np.ndarray, thresholds: Thresholds) -> tuple[np.ndarray, dict[str, Channel]]:
-        undistorted = undistort(image, self.camera)
-        masks = thresholds.masks(self.warp.image_to_birdseye(undistorted) if self.recipe.warp_first else undistorted)
-        return undistorted, {name: Channel(name, mask, self.recipe, self.warp) for name, mask in masks.items()}
+        near = [line.search_near() for line in self.lines]
+        if self.recipe.search_together and (near[0] is None or near[1] is None):
+            near = [None, None]
+        found = [self.find_line(views, side, near[side]) for side in (0, 1)]
+        self.is_first_frame = False
 
-    def _result(
-        self, undistorted: np.ndarray, channels: dict[str, Channel], lines: Sequence[FoundLine], fits: Fits, state: str
+        lines = []
+        roads = []
+        for side in (0, 1):
+            lines.append(self.lines[side].update(found[side].fit))
+            roads.append(self.measure(side, found[side].fit))
+        states = [line.state for line in self.lines]
+        worst_first = ("lost", "kept", "found")
+        return self.result(
+            undistorted=undistorted,
+            masks=masks,
+            views=views,
+            found=found,
+            lines=lines,
+            roads=roads,
+            state=min(states, key=worst_first.index),
+        )
+
+    def threshold(
+        self, undistorted: np.ndarray, thresholds: Thresholds
+    ) -> dict[str, np.ndarray]:
+        """The binaries by name, of the view if the recipe warps first."""
+        if self.recipe.warp_first:
+            undistorted = self.warp.image_to_birdseye(undistorted)
+        return thresholds.masks(undistorted)
+
+    def look_from_above(self, name: str, masks: dict[str, np.ndarray]) -> View:
+        """One of the binaries in the bird's-eye view."""
+        binary = masks[name]
+        if not self.recipe.warp_first:
+            binary = self.warp.image_to_birdseye(binary)
+        return View(name, binary, self.recipe)
+
+    def find_line(
+        self, views: dict[str, View], side: int, near: np.ndarray | None
+    ) -> FoundLine:
+        """The left (0) or right (1) line of a frame, around a line or with windows."""
+        line_so_far = self.lines[side].mean()
+        if line_so_far is None:
+            names = self.recipe.unknown_binaries
+            if self.is_first_frame:
+                names = self.recipe.first_binaries
+            return views[names[side]].line_in_windows(side)
+
+        candidates = []
+        for name in self.recipe.video_thresholds.candidates:
+            if near is None:
+                candidates.append(views[name].line_in_windows(side))
+            else:
+                candidates.append(views[name].line_in_band(near, self.recipe.margin_px))
+        return nearest_line(candidates, line_so_far, self.recipe.size[1])
+
+    def place_on_road(self, line: np.ndarray | None) -> RoadLine | None:
+        """The line in metres."""
+        if line is None:
+            return None
+        return road_line(line, self.to_road, self.recipe.size[1])
+
+    def measure(self, side: int, fit: np.ndarray | None) -> RoadLine | None:
+        """The line that is measured: that of the memory, or a mean of fits in metres."""
+        memory = self.lines[side]
+        if self.recipe.measured_fits is None or memory.state == "lost":
+            return self.place_on_road(memory.mean())
+        road = self.place_on_road(fit)
+        numbers = None
+        if road is not None:
+            numbers = np.array([road.c0_m, road.c1, road.c2_per_m])
+        mean = self.road_lines[side].update(numbers)
+        return None if mean is None else RoadLine(*mean.tolist())
+
+    def result(
+        self,
+        *,
+        undistorted: np.ndarray,
+        masks: dict[str, np.ndarray],
+        views: dict[str, View],
+        found: list[FoundLine],
+        lines: list[np.ndarray | None],
+        roads: list[RoadLine | None],
+        state: str,
     ) -> LaneResult:
-        (left, right), (shown, measured) = lines, fits
-        roads = [None if fit is None else road_line(fit, self._to_road, self.recipe.size[1]) for fit in measured]
-        masks = {name: channel.mask for name, channel in channels.items()}
-        binary = channels[left.channel].binary | channels[right.channel].binary
-        found = (shown[0], shown[1], roads[0], roads[1])
-        return LaneResult(*found, state, undistorted, masks, binary, left, right, self.warp)
+        """The result of a frame; lists are for the left and the right line."""
+        left_binary = views[found[0].binary].binary
+        right_binary = views[found[1].binary].binary
+        return LaneResult(
+            left=lines[0],
+            right=lines[1],
+            left_road=roads[0],
+            right_road=roads[1],
+            state=state,
+            undistorted=undistorted,
+            masks=masks,
+            warped_binary=left_binary | right_binary,
+            left_found=found[0],
+            right_found=found[1],
+            warp=self.warp,
+        )
 
 
-# Draw
+# Draw. All functions draw on a copy.
+
+LANE_COLOUR: Colour = (0, 220, 90)
+LEFT_COLOUR: Colour = (255, 70, 60)
+RIGHT_COLOUR: Colour = (60, 130, 255)
+WINDOW_COLOUR: Colour = (255, 210, 0)
+RANSAC_COLOUR: Colour = (255, 0, 255)
+# OpenCV draws at 1/16 px: coordinates are whole numbers with four fractional bits
+SHIFT = 4
 
 
-def draw_windows(view: np.ndarray, windows_px: np.ndarray) -> np.ndarray:
-    """Draw search windows (N, 4) (left, top, right, bottom edge, pixels) on an image or mask. Returns RGB."""
-    drawn = to_rgb(view)
-    for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
-        outline = np.array([[left, top], [right, top], [right, bottom], [left, bottom]])
-        canvas.draw_polyline(drawn, outline, canvas.WINDOW_COLOUR, drawn.shape[1] / 320, closed=True)
-    return drawn
+def to_rgb(image: np.ndarray) -> np.ndarray:
+    """A new RGB image of an RGB or gray one, or of a binary of bool, 0 and 1 or 0 and 255."""
+    image = np.asarray(image)
+    if image.ndim == 3:
+        return require_rgb(image).copy()
+    is_mask = image.dtype == bool or (image.size > 0 and image.max() <= 1)
+    if is_mask:
+        image = (image > 0).astype(np.uint8) * 255
+    return require_rgb(np.dstack([image, image, image]))
 
 
-def draw_pixels(view: np.ndarray, pixels_px: np.ndarray, *, colour: canvas.Colour) -> np.ndarray:
-    """Colour the pixels (N, 2) (column, row) of an image or mask; pixels outside are ignored. Returns RGB."""
-    drawn = to_rgb(view)
-    columns, rows = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
-    inside = (columns >= 0) & (columns < drawn.shape[1]) & (rows >= 0) & (rows < drawn.shape[0])
-    drawn[rows[inside], columns[inside]] = colour
-    return drawn
+def finite_points(points_px: ArrayLike | None) -> np.ndarray:
+    """Points (N, 2) without those that are not finite; (0, 2) for None."""
+    if points_px is None:
+        return np.empty((0, 2))
+    points = np.asarray(points_px, float).reshape(-1, 2)
+    return points[np.isfinite(points).all(axis=1)]
 
 
-def draw_lane_between(
+def to_fixed_point(points_px: np.ndarray) -> np.ndarray:
+    """Whole numbers (N, 2) of 1/16 px."""
+    # a million is far outside any image, and its fixed-point number fits in 32 bits
+    limited = points_px.clip(-1e6, 1e6)
+    return np.round(limited * 2**SHIFT).astype(np.int32)
+
+
+def draw_polyline(
     image: np.ndarray,
-    left_px: np.ndarray | None,
-    right_px: np.ndarray | None,
-    camera: Camera | None = None,
+    points_px: np.ndarray,
+    colour: Colour,
+    width_px: float,
+    *,
+    closed: bool = False,
+) -> None:
+    """Draw a line centred on points (N, 2), on the image itself."""
+    if len(points_px) < 2:
+        return
+    # measured with LINE_AA: an even thickness n is n + 1.4 px wide, and an odd one, too
+    thickness = max(1, 2 * round((width_px - 1.4) / 2))
+    cv2.polylines(
+        img=image,
+        pts=[to_fixed_point(points_px)],
+        isClosed=closed,
+        color=colour,
+        thickness=thickness,
+        lineType=cv2.LINE_AA,
+        shift=SHIFT,
+    )
+
+
+def draw_windows(view: np.ndarray, windows_px: ArrayLike) -> np.ndarray:
+    """Windows (M, 4) (left, top, right, bottom edge) on an image or a binary; RGB."""
+    drawn = to_rgb(view)
+    width_px = drawn.shape[1] / 320
+    for left, top, right, bottom in np.asarray(windows_px, float).reshape(-1, 4):
+        corners = [(left, top), (right, top), (right, bottom), (left, bottom)]
+        draw_polyline(drawn, np.array(corners), WINDOW_COLOUR, width_px, closed=True)
+    return drawn
+
+
+def draw_pixels(
+    view: np.ndarray, pixels_px: ArrayLike, *, colour: Colour
+) -> np.ndarray:
+    """Pixels (N, 2) in a colour on an image or a binary; those outside are left out."""
+    drawn = to_rgb(view)
+    height, width = drawn.shape[:2]
+    u, v = np.asarray(pixels_px).reshape(-1, 2).astype(int).T
+    inside = (u >= 0) & (u < width) & (v >= 0) & (v < height)
+    drawn[v[inside], u[inside]] = colour
+    return drawn
+
+
+def draw_lines(
+    view: np.ndarray,
+    lines: Sequence[ArrayLike | None],
+    *,
+    colour: Colour = RANSAC_COLOUR,
+    width_px: float | None = None,
+) -> np.ndarray:
+    """Lines (A, B, C) on a bird's-eye view; those that are None are left out; RGB.
+
+    Recipe C draws its RANSAC lines so, in magenta over the windows.
+    """
+    drawn = to_rgb(view)
+    if width_px is None:
+        width_px = drawn.shape[1] / 200
+    for line in lines:
+        if line is not None:
+            draw_polyline(drawn, line_points(line, len(drawn)), colour, width_px)
+    return drawn
+
+
+def draw_lane(
+    image: np.ndarray,
+    left_px: ArrayLike | None,
+    right_px: ArrayLike | None,
+    lens: Lens | None = None,
     *,
     line_width_px: float | None = None,
 ) -> np.ndarray:
-    """Draw a lane on a raw or undistorted image.
+    """The lane on a raw or undistorted RGB image: green, its lines red and blue.
 
-    The points (N, 2) are from far to near, or both from near to far. With a `camera`, `image` is the raw one and the
-    points are those of the undistorted one. If a line is None, the other one is drawn and the area is not filled.
-    `line_width_px` is that of the lines, red left and blue right; 0 draws none. Raises PictureError if the image is not
-    RGB or not of the camera's size.
+    The points (N, 2) of both lines go from far to near. With a `lens` the image is the
+    raw one, and the points are those of the undistorted one. If a line is None, the other
+    one is drawn, and no lane. A `line_width_px` of 0 draws no lines. Raises ValueError if
+    the image is not RGB, or not of the lens's size.
     """
-    drawn = (require_rgb(image) if camera is None else camera.require_size(image)).copy()
-    left, right = (np.empty((0, 2)) if line is None else canvas.finite_points(line) for line in (left_px, right_px))
-    if camera is not None:
-        left, right = camera.distort_line(left), camera.distort_line(right)
+    drawn = require_rgb(image).copy()
+    left = finite_points(left_px)
+    right = finite_points(right_px)
+    if lens is not None:
+        require_size(image, lens.size, "lens")
+        left = bend_line(left, lens)
+        right = bend_line(right, lens)
+
     if len(left) >= 2 and len(right) >= 2:
-        canvas.blend_polygon(drawn, np.vstack([left, right[::-1]]), canvas.LANE_COLOUR, 0.3)
-    width_px = image.shape[1] / 160 if line_width_px is None else line_width_px
-    if width_px > 0:
-        canvas.draw_polyline(drawn, left, canvas.LEFT_COLOUR, width_px)
-        canvas.draw_polyline(drawn, right, canvas.RIGHT_COLOUR, width_px)
+        outline = np.vstack([left, right[::-1]])
+        filled = drawn.copy()
+        cv2.fillPoly(filled, [to_fixed_point(outline)], LANE_COLOUR, cv2.LINE_AA, SHIFT)
+        drawn = cv2.addWeighted(filled, 0.3, drawn, 0.7, 0)
+    if line_width_px is None:
+        line_width_px = image.shape[1] / 160
+    if line_width_px > 0:
+        draw_polyline(drawn, left, LEFT_COLOUR, line_width_px)
+        draw_polyline(drawn, right, RIGHT_COLOUR, line_width_px)
     return drawn
+
+
+def bend_line(points_px: np.ndarray, lens: Lens) -> np.ndarray:
+    """Raw points (M, 2) of a line (N, 2), close enough to follow the bend of the lens."""
+    if len(points_px) < 2:
+        return points_px
+    steps_px = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
+    along_px = np.append(0, np.cumsum(steps_px))
+    # every 8 px follows the bend to 0.01 px
+    dense_px = np.union1d(along_px, np.arange(0, along_px[-1], 8))
+    u = np.interp(dense_px, along_px, points_px[:, 0])
+    v = np.interp(dense_px, along_px, points_px[:, 1])
+    return finite_points(distort_points(np.column_stack([u, v]), lens))
+
+
+def put_text(image: np.ndarray, lines: Sequence[str]) -> None:
+    """White text on a dark panel at the top left, on the image itself."""
+    height, width = image.shape[:2]
+    scale = np.sqrt(width * height) / 960
+    line_height = max(round(40 * scale), 1)
+    panel_height = round(line_height * (len(lines) + 0.5))
+    panel_width = 0
+    for text in lines:
+        (text_width, _), _ = cv2.getTextSize(text, cv2.FONT_HERSHEY_SIMPLEX, scale, 2)
+        panel_width = max(panel_width, text_width + line_height)
+    panel = image[:panel_height, :panel_width]
+    panel[:] = panel * 0.4
+    for number, text in enumerate(lines, start=1):
+        cv2.putText(
+            img=image,
+            text=text,
+            org=(line_height // 2, number * line_height),
+            fontFace=cv2.FONT_HERSHEY_SIMPLEX,
+            fontScale=scale,
+            color=(255, 255, 255),
+            thickness=max(1, round(2 * scale)),
+            lineType=cv2.LINE_AA,
+        )
+
+
+def describe_bend(curvature_per_m: float | None) -> str:
+    """A curvature in words: "bends right, R 640 m", "straight (R > 3 km)"."""
+    if curvature_per_m is None:
+        return "bend unknown"
+    # At 3 km a line leaves its tangent by 0.15 m, the width of a marking, over 30 m: on a
+    # straight road the measured radius is as large, and of either sign.
+    if abs(curvature_per_m) < 1 / 3000:
+        return "straight (R > 3 km)"
+    side = "left" if curvature_per_m > 0 else "right"
+    radius_m = 1 / abs(curvature_per_m)
+    # it is accurate to a few per cent
+    digits = -1 if radius_m >= 100 else 0
+    return f"bends {side}, R {round(radius_m, digits):.0f} m"
+
+
+def describe_offset(offset_m: float | None) -> str:
+    """An offset in words: "0.12 m left of centre", "in the centre"."""
+    if offset_m is None:
+        return "offset unknown"
+    if abs(offset_m) < 0.005:
+        return "in the centre"
+    side = "left" if offset_m > 0 else "right"
+    return f"{abs(offset_m):.2f} m {side} of centre"
 
 
 def describe_result(result: LaneResult) -> list[str]:
-    """Text lines with bend and offset, or "lane lost"."""
+    """Lines of text with bend and offset, or "lane lost"."""
     if result.state == "lost":
         return ["lane lost"]
-    memory = ["(from memory)"] if result.state == "kept" else []
-    return [describe_bend(result.curvature_per_m), describe_offset(result.offset_m), *memory]
+    lines = [describe_bend(result.curvature_per_m), describe_offset(result.offset_m)]
+    if result.state == "kept":
+        lines.append("(from memory)")
+    return lines
 
 
-def annotate_image(image: np.ndarray, result: LaneResult, camera: Camera) -> np.ndarray:
-    """A copy of the raw RGB image with the lane and its numbers, drawn through the lens; the pose is not used."""
-    left_px, right_px = (None, None) if result.state == "lost" else result.lines_px
-    drawn = draw_lane_between(image, left_px, right_px, camera)
-    canvas.put_text(drawn, describe_result(result))
+def annotate_image(image: np.ndarray, result: LaneResult, lens: Lens) -> np.ndarray:
+    """A copy of the raw RGB image with the lane and its measurements."""
+    left_px, right_px = result.lines_px
+    if result.state == "lost":
+        left_px = right_px = None
+    drawn = draw_lane(image, left_px, right_px, lens)
+    put_text(drawn, describe_result(result))
     return drawn
 
 
-def follow_lane(
-    finder: LaneFinder, camera: Camera
-) -> Callable[[np.ndarray], tuple[np.ndarray, dict[str, str | float | None]]]:
-    """A function for `process_video` that returns the annotated frame and its telemetry; frames must be in order."""
+# Videos
 
-    def process(frame: np.ndarray) -> tuple[np.ndarray, dict[str, str | float | None]]:
+Row = Mapping[str, str | float | None]
+FrameFunction = Callable[[np.ndarray], "np.ndarray | tuple[np.ndarray, Row]"]
+
+
+def follow_lane(
+    finder: LaneFinder,
+) -> Callable[[np.ndarray], tuple[np.ndarray, Row]]:
+    """A function for `process_video`: the next frame, annotated, and its telemetry."""
+
+    def process(frame: np.ndarray) -> tuple[np.ndarray, Row]:
         result = finder.follow(frame)
-        return annotate_image(frame, result, camera), result.as_row()
+        return annotate_image(frame, result, finder.lens), result.as_row()
 
     return process
+
+
+@contextmanager
+def open_video(path: str | Path) -> Iterator[cv2.VideoCapture]:
+    """A video that is open for reading; OSError if it cannot be read."""
+    if not Path(path).exists():
+        raise FileNotFoundError(f"{path}: there is no such video.")
+    capture = cv2.VideoCapture(str(path))
+    try:
+        if not capture.isOpened():
+            raise OSError(
+                f"{path}: cannot be read as a video; it is cut off or of another format: "
+                "copy it again, or convert it to mp4."
+            )
+        yield capture
+    finally:
+        capture.release()
+
+
+def frame_rate(path: str | Path) -> float:
+    """Frames per second of a video."""
+    with open_video(path) as capture:
+        return capture.get(cv2.CAP_PROP_FPS)
+
+
+def read_video(
+    path: str | Path, *, start_s: float = 0.0, end_s: float | None = None
+) -> Iterator[np.ndarray]:
+    """Yield the frames of a video with start_s <= time < end_s, in order.
+
+    Each is an RGB image (height, width, 3), uint8, of its own, which may be changed. Raises
+    OSError if the file cannot be read, ValueError if there is no frame in that time.
+    """
+    for _, frame in read_numbered(path, start_s, end_s):
+        yield frame
+
+
+def read_numbered(
+    path: str | Path, start_s: float, end_s: float | None
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Yield number and RGB image of the frames of a video; see `read_video`."""
+    last_s = np.inf if end_s is None else end_s
+    if not 0 <= start_s < last_s:
+        raise ValueError(f"{path}: from {start_s} s to {end_s} s there is no time.")
+    with open_video(path) as capture:
+        fps = capture.get(cv2.CAP_PROP_FPS)
+        announced = round(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        # 4.6 - 2.6 is 1.9999...: a time this close to a frame is meant to be its time
+        first = int(np.ceil(start_s * fps - 1e-3))
+        end = np.ceil(last_s * fps - 1e-3)
+
+        # seeking is exact in few files; passing over frames is, and takes 1 ms each
+        number = 0
+        while number < first and capture.grab():
+            number += 1
+        read = 0
+        while number < end:
+            is_there, bgr = capture.read()
+            if not is_there:
+                break
+            yield number, cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+            number += 1
+            read += 1
+    if not read:
+        raise ValueError(f"{path}: has no frame at {start_s} s; it ends before.")
+    if number < min(end, announced):
+        warnings.warn(
+            f"{path}: only {number} of {announced} frames can be read; it is cut off or "
+            "damaged.",
+            stacklevel=3,
+        )
+
+
+def process_video(
+    source: str | Path,
+    target: str | Path,
+    function: FrameFunction,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    telemetry: str | Path | None = None,
+) -> int:
+    """Write a video of what a function makes of each frame, with the sound of the source.
+
+    `function` takes an RGB image and returns one, or a pair of it and a row of telemetry,
+    which goes into the CSV file `telemetry`. It is called once for each frame from
+    `start_s` to `end_s`, in order. `target` ends in .mp4 and has the source's frame rate;
+    it is written under another name and renamed when it is complete. Returns the number
+    of frames.
+
+    Raises OSError if a file cannot be read or written, ValueError if the function does not
+    return an RGB image, or the target is the source.
+    """
+    target = Path(target)
+    if target.suffix.lower() != ".mp4":
+        raise ValueError(f"{target}: the name of the new video must end in .mp4.")
+    if target.exists() and os.path.samefile(source, target):
+        raise ValueError(f"{target}: is the source itself; write under another name.")
+    fps = frame_rate(source)
+    target.parent.mkdir(parents=True, exist_ok=True)
+
+    rows: list[dict[str, object]] = []
+    frames = read_numbered(source, start_s, end_s)
+    with complete_file(target) as partial_video:
+        with video_writer(partial_video, source, fps, start_s, end_s) as write:
+            for number, frame in frames:
+                returned = function(frame)
+                row: Row = {}
+                if isinstance(returned, tuple):
+                    returned, row = returned
+                write(require_rgb(returned))
+                rows.append({"frame": number, "time_s": round(number / fps, 6), **row})
+        require_frames(partial_video, target, len(rows))
+    if telemetry is not None:
+        write_rows(Path(telemetry), rows)
+    return len(rows)
+
+
+@contextmanager
+def video_writer(
+    path: Path, source: str | Path, fps: float, start_s: float, end_s: float | None
+) -> Iterator[Callable[[np.ndarray], None]]:
+    """A function that appends an RGB image to a new mp4 with the sound of `source`."""
+    from moviepy.video.io.ffmpeg_writer import FFMPEG_VideoWriter
+
+    sound = path.with_suffix(".m4a")
+    writer = None
+    size = None
+
+    def write(image: np.ndarray) -> None:
+        nonlocal writer, size
+        height, width = image.shape[:2]
+        if size is None:
+            size = (width, height)
+            has_sound = write_sound(sound, source, start_s, end_s)
+            writer = FFMPEG_VideoWriter(
+                filename=str(path),
+                size=(width + width % 2, height + height % 2),
+                fps=fps,
+                audiofile=str(sound) if has_sound else None,
+                preset="veryfast",
+                # the bytes depend on the number of threads; browsers play yuv420p
+                threads=4,
+                ffmpeg_params=["-movflags", "+faststart"],
+            )
+        require_size(image, size, "video")
+        # H.264 needs an even width and height: the last column or row is repeated
+        even = cv2.copyMakeBorder(
+            src=image,
+            top=0,
+            bottom=height % 2,
+            left=0,
+            right=width % 2,
+            borderType=cv2.BORDER_REPLICATE,
+        )
+        writer.write_frame(even)
+
+    try:
+        yield write
+    finally:
+        if writer is not None:
+            writer.close()
+        sound.unlink(missing_ok=True)
+
+
+def write_sound(
+    path: Path, source: str | Path, start_s: float, end_s: float | None
+) -> bool:
+    """Write the sound of a part of a video as AAC; False if it has none."""
+    from moviepy import VideoFileClip
+
+    with VideoFileClip(str(source)) as clip:
+        if clip.audio is None:
+            return False
+        sound = clip.audio
+        last_s = sound.duration
+        if end_s is not None:
+            last_s = min(end_s, last_s)
+        if start_s >= last_s:
+            return False
+        part = sound.subclipped(start_s, last_s)
+        part.write_audiofile(str(path), codec="aac", logger=None)
+    return True
+
+
+def require_frames(path: Path, target: Path, expected: int) -> None:
+    """OSError if a video that was written does not hold all frames."""
+    if not expected:
+        raise ValueError(f"{target}: no frame was written.")
+    with open_video(path) as capture:
+        written = round(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    if written != expected:
+        raise OSError(
+            f"{target}: only {written} of {expected} frames could be written; is there "
+            "space left on the disk?"
+        )
+
+
+def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
+    """Write rows of telemetry as CSV, empty where there is no value."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    names = dict.fromkeys(name for row in rows for name in row)
+    with complete_file(path) as partial_table:
+        with open(partial_table, "w", encoding="utf-8", newline="") as file:
+            table = csv.DictWriter(file, fieldnames=list(names))
+            table.writeheader()
+            for row in rows:
+                table.writerow({name: csv_field(row.get(name)) for name in names})
+
+
+def csv_field(value: object) -> object:
+    """A value as it stands in the table: nine digits hide what differs by processor."""
+    if value is None:
+        return ""
+    if isinstance(value, float | np.floating):
+        return "" if np.isnan(value) else f"{value:.9g}"
+    return value

@@ -1,4 +1,4 @@
-"""Results of the course against the truth: lateral errors of lanes, precision and recall of marking pixels, accuracy.
+"""Results of the course against the truth: lateral errors of lanes, and accuracy.
 
 Truth is a frame of truth.json (see course.dataset): points of both lines in the road frame, metres. Stills are with
 truth (the embedded ones), with hand-made labels (`labels.jsonl`), or with neither; the table of the accuracy of several
@@ -7,30 +7,21 @@ methods shows the strongest comparison that the data allow.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from benchmark.evaluation import COMMITTED, PROJECT_ROOT, score_systems
 from benchmark.scores import Row
-from benchmark.systems import PROJECTED_AT_M, TRACKER, OwnFinder, project_lines
+from benchmark.systems import TRACKER, OwnFinder
 from course.dataset import Dataset
-from helpers import FourPointWarp
-from lanes.camera import Camera
+from helpers import FourPointWarp, Lens, distort_points, road_to_pixels
 from lanes.describe import format_table
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.score import score_still, summarize
-
-# The range that a driver needs: from the bonnet to about a second ahead on a motorway.
-NEAR_M, FAR_M = 5.0, 30.0
-# Ends of the steps of a line that have a marking on them, or not.
-STEPS_M = np.arange(NEAR_M, FAR_M + 0.1, 0.5)
-# Points count up to the first distance outside the lane. A point within the second one of the centre of a line lies on
-# it: half the width of a line, and the same again for blur.
-MARGIN_M, TOLERANCE_M = 1.0, 0.2
 
 
 class HasLines(Protocol):
@@ -40,201 +31,234 @@ class HasLines(Protocol):
         """Lateral positions (2, N) of the left and right line at distances (N,), metres; None without both lines."""
 
 
-def worst_lateral_error_m(result: HasLines | None, truth: dict | None) -> float | None:
-    """Largest lateral distance between detected and true lines, 5 to 30 m ahead, metres.
-
-    Infinite if a line was not detected, because one line is no lane. None if both were detected but there is no truth.
-    """
-    x_m = np.array(truth["x_m"] if truth else [NEAR_M])
-    ahead = (x_m >= NEAR_M) & (x_m <= FAR_M)
-    detected = result and result.lateral_m(x_m[ahead])
-    if detected is None:
-        return np.inf
-    if truth is None:
-        return None
-    true = np.array([truth["left_y_m"], truth["right_y_m"]])[:, ahead]
-    return float(np.abs(detected - true).max())
-
-
-def lane_widths_px(warp: FourPointWarp, camera: Camera, lines_m: ArrayLike, x_m: ArrayLike) -> np.ndarray:
-    """Width (N,), in columns of the bird's-eye view, of a straight lane at distances (N,), metres.
+def lane_widths_px(
+    warp: FourPointWarp,
+    image_to_road: np.ndarray,
+    lines_m: ArrayLike,
+    x_m: ArrayLike,
+) -> np.ndarray:
+    """Width (N,) of a straight lane in columns of the bird's-eye view.
 
     It is negative where the view is mirrored.
 
     Parameters
     ----------
+    image_to_road : ndarray of shape (3, 3)
+        Homography of `helpers.road_homography`.
     lines_m : array_like of shape (2, 2)
         Lateral position at the car, metres, and heading, of the left and the right line.
+    x_m : array_like of shape (N,)
+        Distances ahead, metres.
     """
-    x = np.asarray(x_m, float)
-    lines = (np.column_stack([x, c0 + heading * x]) for c0, heading in np.asarray(lines_m, float))
-    left, right = (warp.points_to_birdseye(camera.undistort_points(camera.road_to_pixels(line))) for line in lines)
-    return right[:, 0] - left[:, 0]
-
-
-class ComparedMarkings(NamedTuple):
-    """N points compared with S steps of the true lines of the ego lane.
-
-    Whether a point counts for the precision (N,), and lies on the left or the right line (2, N); whether a step of
-    these lines has a point on it (2, S).
-    """
-
-    counted: np.ndarray
-    on_line: np.ndarray
-    covered: np.ndarray
-
-
-def compare_markings(points_m: np.ndarray, truth: dict) -> ComparedMarkings:
-    """Compare marking points (N, 2) with the truth; see `marking_precision` and `marking_recall`."""
-    x, y = np.asarray(points_m, float).reshape(-1, 2).T
-    left, right = lines = np.array([np.interp(x, truth["x_m"], truth[key]) for key in ("left_y_m", "right_y_m")])
-    counted = (x >= NEAR_M) & (x <= FAR_M) & (y < left + MARGIN_M) & (y > right - MARGIN_M)
-    on_line: np.ndarray = np.abs(y - lines) <= TOLERANCE_M
-    return ComparedMarkings(counted, on_line, np.array([np.histogram(x[on], STEPS_M)[0] > 0 for on in on_line]))
-
-
-def marking_precision(points_m: np.ndarray, truth: dict | None) -> float | None:
-    """Precision of marking points: the share of them that lies on a line of the ego lane, in range 0..1.
-
-    The points (N, 2) 5 to 30 m ahead (x forward, y left, metres) count, in the ego lane and up to 1 m outside it. A
-    point lies on a line if it is within 0.2 m of its centre. None without truth, which is a frame of truth.json, or
-    without any point in that range.
-    """
-    if truth is None:
-        return None
-    compared = compare_markings(points_m, truth)
-    on_line = compared.on_line[:, compared.counted].any(axis=0)
-    return float(on_line.mean()) if on_line.size else None
-
-
-def marking_recall(points_m: np.ndarray, truth: dict | None) -> float | None:
-    """Recall of marking points: the share of both lines, 5 to 30 m ahead, with a point on it; None without truth.
-
-    The lines are divided into steps of half a metre. Gaps of a dashed line count as well, so its recall cannot exceed
-    the share of its dashes unless noise fills the gaps.
-    """
-    return None if truth is None else float(compare_markings(points_m, truth).covered.mean())
+    distances_m = np.asarray(x_m, float)
+    columns = []
+    for position_m, heading in np.asarray(lines_m, float):
+        y_m = position_m + heading * distances_m
+        points_m = np.column_stack([distances_m, y_m])
+        pixels = road_to_pixels(points_m, image_to_road)
+        view_px = warp.points_to_birdseye(pixels)
+        columns.append(view_px[:, 0])
+    left, right = columns
+    return right - left
 
 
 def describe_error(error_m: float | None) -> str:
-    """An error in words: "0.12 m", "lost" if infinite (no lane), "unknown" if None (no truth)."""
+    """An error in words: "0.12 m", "lost" if infinite, "unknown" if None (no truth)."""
     if error_m is None:
         return "unknown"
     return f"{error_m:.2f} m" if np.isfinite(error_m) else "lost"
 
 
-def check(name: str, measured: float, truth: float | None, unit: str, *, within: float, digits: int = 2) -> str:
-    """Compare a number with the truth: "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)".
+def check(
+    name: str,
+    measured: float,
+    truth: float | None,
+    unit: str,
+    *,
+    within: float,
+    digits: int = 2,
+) -> str:
+    """Compare a number with the truth, which is None if unknown, as for real images.
 
-    The difference may be `within` at most, in `unit`; `truth` is None if unknown, as for real pictures. `digits` are
-    the decimals printed. Raises AssertionError if the difference to a known truth is larger than `within`.
+    Returns "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)", with `digits`
+    decimals. Raises AssertionError if the difference to a known truth is larger than
+    `within`, in `unit`.
     """
+    number = f"{name}: {measured:.{digits}f} {unit}"
     if truth is None:
-        return f"{name}: {measured:.{digits}f} {unit} (no truth known for these pictures)"
-    error = abs(measured - truth)
-    return _require_below(
-        f"{name}: {measured:.{digits}f} {unit}, truth {truth:.{digits}f} {unit}, off by", error, unit, within, digits
-    )
+        return f"{number} (no truth known for these pictures)"
+    comparison = f"{number}, truth {truth:.{digits}f} {unit}, off by"
+    return require_below(comparison, abs(measured - truth), unit, within, digits)
 
 
-def check_error(name: str, error: float | None, unit: str, *, within: float, digits: int = 1) -> str:
-    """Compare an error with the largest one allowed: "paint, median: error 0.1 px (allowed 1 px)".
+def check_error(
+    name: str, error: float | None, unit: str, *, within: float, digits: int = 1
+) -> str:
+    """Compare an error with the largest one allowed; it is None without truth.
 
-    `error` is None if no truth is known, as for real pictures. `digits` are the decimals printed. Raises AssertionError
-    if the error is larger than `within`.
+    Returns "paint, median: error 0.1 px (allowed 1 px)", with `digits` decimals. Raises
+    AssertionError if the error is larger than `within`.
     """
     if error is None:
         return f"{name}: error not known (no truth for these pictures)"
-    return _require_below(f"{name}: error", error, unit, within, digits)
+    return require_below(f"{name}: error", error, unit, within, digits)
 
 
-def _require_below(said: str, error: float, unit: str, within: float, digits: int) -> str:
-    sentence = f"{said} {error:.{digits}f} {unit} (allowed {within:g} {unit})"
-    if not error <= within:
+def require_below(
+    text: str, error: float, unit: str, within: float, digits: int
+) -> str:
+    """The sentence with an error and its limit; AssertionError if it is above it."""
+    sentence = f"{text} {error:.{digits}f} {unit} (allowed {within:g} {unit})"
+    if not error <= within:  # NaN is above it, too
         raise AssertionError(sentence)
     return sentence
 
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
-# Videos: the tracker has a memory; it gets more frames than a finder that sees each frame alone.
-EVERY, TRACKER_EVERY = 10, 2
+# Distances at which a line is projected into the image: even steps in 1 / x are even steps
+# in rows.
+PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200, 400)
+# Videos: the tracker has a memory; it gets more frames than a finder without one.
+EVERY = 10
+TRACKER_EVERY = 2
+
 Found = Mapping[str, Sequence[HasLines | None]]
+ErrorOf = Callable[[HasLines | None, dict], float]
 
 
 @dataclass(frozen=True)
 class TwoLines:
-    """Two lines as `np.polyfit` returns them: y = np.polyval(line, x), metres, x forward, y left."""
+    """Two lines of `np.polyfit`: y = np.polyval(line, x), x forward, y left, metres."""
 
     left: Sequence[float]
     right: Sequence[float]
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray:
         """Lateral positions (2, N) of both lines at distances (N,), metres."""
-        return np.array([np.polyval(line, x_m) for line in (self.left, self.right)])
+        return np.array([np.polyval(self.left, x_m), np.polyval(self.right, x_m)])
 
 
-def accuracy_table(found: Found, data: Dataset, camera: Camera) -> str:
+def accuracy_table(
+    found: Found,
+    data: Dataset,
+    error_of: ErrorOf,
+    lens: Lens,
+    image_to_road: np.ndarray,
+) -> str:
     """A table of the results of each method on each still.
 
-    With truth a cell is the largest lateral error from 5 to 30 m ahead, or "lost". With labels it is the share of
-    labelled points within TuSimple's tolerance (20 px / cos of the angle of the line). With neither, one line states
-    how far the methods differ.
+    With truth a cell is the largest lateral error, or "lost". With hand-made labels it is
+    the share of labelled points within TuSimple's tolerance, 20 px / cos of the angle of
+    the line. With neither, one line says how far the methods differ.
 
     Parameters
     ----------
-    found : dict
-        For each method its results in the order of `data.stills`; None where it found no lane.
+    found : mapping of str to sequence
+        For each method its results of `data.stills`, None where it found nothing.
+    error_of : callable
+        The error of a result in metres, infinite if it is lost, from the result and the
+        entry of the still in truth.json.
+    lens, image_to_road
+        They project the lines into the image, to compare them with labels.
     """
-    labels, rows = data.labels(), dict[str, list[str]]()
-    with_truth = any(data.true_lane(path) for path in data.stills)
-    if not (with_truth or labels):
-        return _describe_differences(found)
-    for path, *results in zip(data.stills, *found.values(), strict=True):
-        if with_truth:
-            rows[path.stem] = [describe_error(worst_lateral_error_m(one, data.true_lane(path))) for one in results]
-        elif path.name in labels:
-            rows[path.stem] = [f"{label_accuracy(one, labels[path.name], camera):.0%}" for one in results]
+    rows = {}
+    labels = data.labels()
+    for number, path in enumerate(data.stills):
+        results = [of_method[number] for of_method in found.values()]
+        truth = data.true_lane(path)
+        label = labels.get(path.name)
+        if truth is not None:
+            cells = [describe_error(error_of(result, truth)) for result in results]
+            rows[path.stem] = cells
+        elif label is not None:
+            shares = [
+                label_accuracy(result, label, lens, image_to_road) for result in results
+            ]
+            rows[path.stem] = [f"{share:.0%}" for share in shares]
+    if not rows:
+        return describe_differences(found)
     return format_table(list(found), rows)
 
 
-def label_accuracy(result: HasLines | None, label: LaneColumns, camera: Camera) -> float:
-    """Share of the labelled points of both lines that a result meets within 20 px / cos, 0 without a result."""
-    lines = None if result is None else result.lateral_m(PROJECTED_AT_M)
-    columns = project_lines((None, None) if lines is None else lines, camera, label.rows)
+def label_accuracy(
+    result: HasLines | None, label: LaneColumns, lens: Lens, image_to_road: np.ndarray
+) -> float:
+    """Share of the labelled points that a result meets within 20 px / cos; 0 without one."""
+    columns = np.full((2, len(label.rows)), -2.0)
+    lateral_m = None if result is None else result.lateral_m(PROJECTED_AT_M)
+    if lateral_m is not None:
+        for side, y_m in enumerate(lateral_m):
+            line_m = np.column_stack([PROJECTED_AT_M, y_m])
+            columns[side] = columns_of_line(line_m, label.rows, lens, image_to_road)
     found = LaneColumns(label.name, label.rows, columns, EGO_SIDES)
-    return summarize([score_still(label, found, camera.size)])["ego accuracy"]
+    return summarize([score_still(label, found, lens.size)])["ego accuracy"]
 
 
-def _describe_differences(found: Found) -> str:
+def columns_of_line(
+    line_m: np.ndarray, rows: np.ndarray, lens: Lens, image_to_road: np.ndarray
+) -> np.ndarray:
+    """Columns (R,) in the raw image, at its rows (R,), of a line (N, 2) on the road.
+
+    The points of the line go from near to far. -2 where the line does not pass.
+    """
+    flat_px = road_to_pixels(line_m, image_to_road)
+    raw_px = distort_points(flat_px, lens)
+    seen_px = raw_px[np.isfinite(raw_px).all(axis=1)]
+    if not len(seen_px):
+        return np.full(len(rows), -2.0)
+
+    # a line goes up in the image with the distance; beyond a crest of it, it is not seen
+    highest = int(seen_px[:, 1].argmin())
+    u, v = seen_px[: highest + 1][::-1].T
+    columns = np.interp(rows, v, u, left=-2, right=-2)
+    is_inside = (columns >= 0) & (columns <= lens.size[0] - 1)
+    return np.where(is_inside, columns, -2.0)
+
+
+def describe_differences(found: Found) -> str:
     """The median and the largest distance between any two methods on one still."""
-    stills = zip(*found.values(), strict=True)
-    lines = [[some.lateral_m(COMPARED_AT_M) for some in results if some] for results in stills]
-    known = [[line for line in some if line is not None] for some in lines]
-    gaps = [np.ptp(some, axis=0).max() for some in known if len(some) > 1]
-    if not gaps:
+    gaps_m = []
+    for results in zip(*found.values(), strict=True):
+        lines_m = []
+        for result in results:
+            lateral_m = None if result is None else result.lateral_m(COMPARED_AT_M)
+            if lateral_m is not None:
+                lines_m.append(lateral_m)
+        if len(lines_m) > 1:
+            gaps_m.append(np.ptp(lines_m, axis=0).max())
+    if not gaps_m:
         return "no truth, no labels, and no still on which two methods found a lane"
     return (
-        f"no truth and no labels: the methods differ by {np.median(gaps):.2f} m (median of {len(gaps)} stills), "
-        f"at most {max(gaps):.2f} m, 5 to 30 m ahead"
+        f"no truth and no labels: the methods differ by {np.median(gaps_m):.2f} m (median "
+        f"of {len(gaps_m)} stills), at most {max(gaps_m):.2f} m, 5 to 30 m ahead"
     )
 
 
 def score_finders(
     finders: Mapping[str, OwnFinder | str], *, every: int = EVERY
 ) -> Iterator[tuple[str, dict[str, Row]]]:
-    """Score finders on the three embedded videos: after each, its scene and a row of the benchmark's table by name.
+    """Score finders on the three embedded videos.
+
+    Yields after each video its scene, and a row of the benchmark's table by name.
 
     Parameters
     ----------
     finders : mapping of str to (callable or str)
-        A function takes a raw RGB picture and the camera with its pose. It returns the left and the right line in
-        metres as `np.polyfit` does (y = np.polyval(line, x)), or None where it finds no lane. Or a system of the
-        benchmark by its name, for example "tracker".
+        A function takes a raw RGB image and the camera with its pose. It returns the left
+        and the right line in metres as `np.polyfit` does (y = np.polyval(line, x)), or
+        None where it finds no lane. Or a system of the benchmark by its name, for example
+        "tracker".
     every : int
-        Only each `every`-th frame is scored, of the tracker each second one; a finder with a memory needs all of them.
+        Only each `every`-th frame is scored, of the tracker each second one; a finder with
+        a memory needs all of them.
     """
-    systems = {name: (find, TRACKER_EVERY if find == TRACKER else every) for name, find in finders.items()}
+    systems = {}
+    for name, finder in finders.items():
+        systems[name] = (finder, TRACKER_EVERY if finder == TRACKER else every)
     for scene, file in COMMITTED.items():
-        rows = score_systems(PROJECT_ROOT / "test_videos" / file, systems)
-        yield scene, {row["system"]: row | {"scene": scene} for row in rows}
+        scored = score_systems(PROJECT_ROOT / "test_videos" / file, systems)
+        rows = {}
+        for row in scored:
+            rows[row["system"]] = row | {"scene": scene}
+        yield scene, rows

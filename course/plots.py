@@ -6,13 +6,12 @@ compute nor show.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from helpers import FourPointWarp, birdseye_to_road
-from lanes.camera import Camera
 from lanes.canvas import WINDOW_COLOUR
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.figures import draw_on_road_grid, new_figure, rgb
@@ -22,6 +21,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 TRUTH_LOOK: dict[str, Any] = {"color": "0.15", "linestyle": "--", "linewidth": 1.3, "zorder": 3}
+DOTS_LOOK: dict[str, Any] = {
+    "color": "0.72",
+    "linestyle": "",
+    "marker": "o",
+    "markersize": 5,
+    "zorder": 1,
+}
 # Above the axes, where a legend hides no curve.
 LEGEND_ABOVE = {"loc": "lower right", "bbox_to_anchor": (1, 1), "frameon": False, "borderaxespad": 0}
 
@@ -33,18 +39,20 @@ class RoadAxes(NamedTuple):
     y_m: np.ndarray
 
 
-def road_axes(warp: FourPointWarp, camera: Camera) -> RoadAxes:
+def road_axes(warp: FourPointWarp, image_to_road: np.ndarray) -> RoadAxes:
     """Axes in metres of the view of a four-point warp, for `show_birdseye`.
 
-    They are exact if the four points are a rectangle on the road, parallel to the car's axis. Otherwise they hold for
-    the centre column and the bottom row. Raises CameraError if the camera has no pose.
+    They are exact if the four points are a rectangle on the road, parallel to the car's
+    axis. Otherwise they hold for the centre column and the bottom row. `image_to_road` is
+    a homography of `helpers.road_homography`.
     """
     width, height = warp.size
     rows, columns = np.arange(height), np.arange(width)
     centre_column = np.column_stack([np.full(height, (width - 1) / 2), rows])
     bottom_row = np.column_stack([columns, np.full(width, height - 1)])
-    x_m, y_m = (birdseye_to_road(points, warp, camera) for points in (centre_column, bottom_row))
-    return RoadAxes(x_m[:, 0], y_m[:, 1])
+    ahead_m = birdseye_to_road(centre_column, warp, image_to_road)
+    across_m = birdseye_to_road(bottom_row, warp, image_to_road)
+    return RoadAxes(ahead_m[:, 0], across_m[:, 1])
 
 
 def show_pictures(
@@ -125,7 +133,11 @@ def plot_bars(values: Mapping[str, float], *, label: str, title: str = "") -> tu
 
 
 def plot_series(
-    times_s: np.ndarray, series: Mapping[str, Mapping[str, np.ndarray]], *, title: str = ""
+    times_s: np.ndarray,
+    series: Mapping[str, Mapping[str, np.ndarray]],
+    *,
+    title: str = "",
+    dots: Collection[str] = (),
 ) -> tuple[Figure, np.ndarray]:
     """Plot telemetry over time, one panel per quantity.
 
@@ -134,15 +146,25 @@ def plot_series(
     Parameters
     ----------
     series : mapping of str to (mapping of str to ndarray of shape (N,))
-        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A curve named "truth" is a dark
-        dashed line above the others. NaN leaves a gap.
+        Axis label with unit ("offset (m)") to the curves of that panel, name to values. A
+        curve named "truth" is a dark dashed line above the others. NaN leaves a gap.
+    dots : collection of str
+        Names of curves that are drawn as gray dots, behind the others.
     """
     if not series:
-        raise ValueError("no quantity to plot; give at least one axis label with its curves.")
-    figure, axes = new_figure(len(series), 1, (10, 0.6 + 2.2 * len(series)), sharex=True)
+        raise ValueError(
+            "no quantity to plot; give at least one axis label with its curves."
+        )
+    size_in = (10, 0.6 + 2.2 * len(series))
+    figure, axes = new_figure(len(series), 1, size_in, sharex=True)
     for axis, (label, curves) in zip(axes, series.items(), strict=True):
         for name, values in curves.items():
-            axis.plot(times_s, values, label=name, **(TRUTH_LOOK if name == "truth" else {}))
+            look: dict[str, Any] = {}
+            if name == "truth":
+                look = TRUTH_LOOK
+            elif name in dots:
+                look = DOTS_LOOK
+            axis.plot(times_s, values, label=name, **look)
         axis.set_ylabel(label)
         axis.grid(alpha=0.3)
         if len(curves) > 1:
@@ -150,6 +172,26 @@ def plot_series(
     axes[-1].set_xlabel("time (s)")
     axes[0].set_title(title, loc="left")
     return figure, axes
+
+
+def show_table(
+    rows: Mapping[str, Mapping[str, float]], *, title: str = "", digits: int = 1
+) -> tuple[Figure, Axes]:
+    """Draw a table of numbers as a figure, for numbers that differ in each run.
+
+    `rows` has the numbers of each row by the name of their column; all rows have the same
+    columns. They are rounded to `digits` decimals.
+    """
+    columns = list(next(iter(rows.values())))
+    texts = []
+    for numbers in rows.values():
+        texts.append([f"{numbers[column]:.{digits}f}" for column in columns])
+    figure, (axis,) = new_figure(1, 1, (10, 0.8 + 0.35 * len(rows)))
+    axis.set_axis_off()
+    axis.set_title(title)
+    table = axis.table(texts, rowLabels=list(rows), colLabels=columns, loc="center")
+    table.scale(1, 1.5)
+    return figure, axis
 
 
 def _gray_limits(image: np.ndarray) -> dict[str, int]:

@@ -1,4 +1,4 @@
-"""Sliders for the notebook: an image next to its processed version, which follows the sliders.
+"""Sliders for the notebook: an image next to its processed version, which follows them.
 
 They need ipywidgets, which comes with Jupyter.
 """
@@ -11,20 +11,25 @@ from typing import TYPE_CHECKING
 import cv2
 import numpy as np
 
-from lanes.images import to_rgb
+from helpers import to_rgb
 
 if TYPE_CHECKING:
     from ipywidgets import VBox
 
 # Displayed width of the two images together.
 SHOWN_PX = 1120
-INSTALL_HINT = "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook again."
+INSTALL_HINT = (
+    "The sliders need ipywidgets: run `pip install ipywidgets` and start the notebook "
+    "again."
+)
 
 
 def tune_threshold(
-    image: np.ndarray, make: Callable[..., np.ndarray], **sliders: tuple[float, float, float | tuple[float, float]]
+    image: np.ndarray,
+    make: Callable[..., np.ndarray],
+    **sliders: tuple[float, float, float | tuple[float, float]],
 ) -> VBox | None:
-    """Show an image next to the result of a function, with sliders for the parameters of the function.
+    """Show an image next to the result of a function, with sliders for its parameters.
 
     Parameters
     ----------
@@ -33,7 +38,8 @@ def tune_threshold(
     make : callable
         Called as make(image, name=value, ...); returns a mask or an image.
     **sliders : (minimum, maximum, start)
-        One entry per parameter. If `start` is a pair (low, high), the parameter is a pair too.
+        One entry per parameter. If `start` is a pair (low, high), the parameter is a
+        pair too.
 
     Returns
     -------
@@ -42,7 +48,8 @@ def tune_threshold(
 
     Examples
     --------
-    >>> bright_red = lambda image, red: cv2.inRange(image[..., 0].copy(), *red)
+    >>> def bright_red(image, red):
+    ...     return cv2.inRange(image[..., 0].copy(), red[0], red[1])
     >>> tune_threshold(image, bright_red, red=(0, 255, (210, 255)))  # doctest: +SKIP
     """
     try:
@@ -50,16 +57,15 @@ def tune_threshold(
     except ImportError:
         print(INSTALL_HINT)
         return None
-    controls = {name: _slider(ipywidgets, name, *limits) for name, limits in sliders.items()}
+    controls = {}
+    for name, (minimum, maximum, start) in sliders.items():
+        controls[name] = make_slider(name, minimum, maximum, start)
     shown = ipywidgets.Image(format="png")
 
     def refresh(_change: object = None) -> None:
-        made = make(image, **{name: control.value for name, control in controls.items()})
-        made = cv2.resize(made, image.shape[1::-1], interpolation=cv2.INTER_AREA)
-        both = cv2.cvtColor(np.hstack([to_rgb(image), to_rgb(made)]), cv2.COLOR_RGB2BGR)
-        scale = SHOWN_PX / both.shape[1]
-        small = cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-        shown.value = cv2.imencode(".png", small)[1].tobytes()
+        values = {name: control.value for name, control in controls.items()}
+        made = make(image, **values)
+        shown.value = encode_pair(image, made)
 
     for control in controls.values():
         control.observe(refresh, names="value")
@@ -67,12 +73,37 @@ def tune_threshold(
     return ipywidgets.VBox([*controls.values(), shown])
 
 
-def _slider(ipywidgets, name: str, minimum: float, maximum: float, start: float | tuple[float, float]):
-    """A slider for a number, or for a range if `start` is a pair; integer limits give an integer slider."""
-    kind = "RangeSlider" if isinstance(start, tuple) else "Slider"
-    whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
-    # Without continuous updates: drawing an image for every mouse movement is too slow.
-    options = {"value": start, "min": minimum, "max": maximum, "description": name, "continuous_update": False}
-    if not whole:
-        options["step"] = (maximum - minimum) / 100
-    return getattr(ipywidgets, ("Int" if whole else "Float") + kind)(**options)
+def make_slider(
+    name: str, minimum: float, maximum: float, start: float | tuple[float, float]
+):
+    """A slider for a number, or for a range if `start` is a pair.
+
+    It moves in whole numbers if the limits and the start are whole.
+    """
+    import ipywidgets
+
+    is_range = isinstance(start, tuple)
+    is_whole = np.hstack([minimum, maximum, start]).dtype.kind == "i"
+    number = "Int" if is_whole else "Float"
+    kind = "RangeSlider" if is_range else "Slider"
+    slider = getattr(ipywidgets, number + kind)
+    return slider(
+        value=start,
+        min=minimum,
+        max=maximum,
+        step=1 if is_whole else (maximum - minimum) / 100,
+        description=name,
+        # drawing an image for every movement of the mouse is too slow
+        continuous_update=False,
+    )
+
+
+def encode_pair(image: np.ndarray, made: np.ndarray) -> bytes:
+    """A PNG of an image and what was made of it, side by side."""
+    size = image.shape[1::-1]
+    made = cv2.resize(made, size, interpolation=cv2.INTER_AREA)
+    both = np.hstack([to_rgb(image), to_rgb(made)])
+    scale = SHOWN_PX / both.shape[1]
+    small = cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    _, png = cv2.imencode(".png", cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
+    return png.tobytes()

@@ -1,7 +1,7 @@
 """Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its measures in words.
 
-The confidence decides what is drawn. A likely lane is filled; a ribbon runs along the inner edge of each line that is
-seen, so that its paint stays visible. Lines that are inferred, and those of an uncertain lane, are dotted.
+The confidence decides what is drawn. A likely lane is filled; a ribbon lies on the paint of each line that is seen.
+Lines that are inferred, and those of an uncertain lane, are dotted.
 """
 
 from __future__ import annotations
@@ -47,8 +47,8 @@ NEAREST_M, BORDER_SHARE = 0.5, 0.02
 # Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
 # sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
-# Distance of the ribbon from the middle of the paint, whose half width is 0.05 to 0.1 m, and width of the ribbon.
-BESIDE_M, RIBBON_M = 0.11, 0.07
+# Width of a ribbon: that of narrow paint, so that the edges of most lines stay visible beside it.
+RIBBON_M = 0.1
 # Width of dots and their distance; those of a hint: the root of the image's area divided by this.
 DOT_SHARES, HINT_SHARES = (220, 70), (480, 35)
 # Half width of the views of the road in the inset and in the mosaic; the share of the image that the inset takes.
@@ -169,7 +169,10 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
     along_m = np.sort(np.append(along_m, min(ends_m)))
     # the outer edge of each ribbon, or the line that is dotted, and the inner edges
     seen = [likely and line.seen for line in lane.lines]
-    inwards_m = np.array([np.where(seen, BESIDE_M, 0.0), np.full(2, BESIDE_M + thickness * RIBBON_M)])
+    half_m = thickness * RIBBON_M / 2
+    outer_m = np.where(seen, -half_m, 0.0)
+    inner_m = np.full(2, half_m)
+    inwards_m = np.array([outer_m, inner_m])
     sides = SIDES * (1 - 2 * inwards_m / lane.width_m)
     pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(2, 2, -1, 2)
 

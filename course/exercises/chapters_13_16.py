@@ -21,15 +21,15 @@ from lanes.video.reader import read_video
 
 # 13.1, after M. D. Zeiler and R. Fergus, "Visualizing and understanding convolutional networks", European Conference on
 # Computer Vision, 2014.
-# Rows and columns of squares, their size in pixels, the first row of the image, and their gray level.
-SHAPE, SQUARE_PX, FIRST_ROW, GRAY = (5, 16), 80, 320, 128
+# Rows and columns of squares, their size and distance in pixels, the first row of the image, and their gray level.
+SHAPE, SQUARE_PX, STEP_PX, FIRST_ROW, GRAY = (4, 15), 160, 80, 320, 128
 # Distances at which lanes are compared: that of the exercise, and one that a reader may take instead, metres.
 AHEAD_M = np.array([20.0, 10.0])
 LARGEST_M, CLOSE_M = 1.0, 0.002
 # A map is compared at the squares on the lines at these distances (metres), at two above the road, and where its own
 # values are largest. Wrong covers are only tried where it is wrong.
 ON_LINES_M = np.array([6.5, 8.0, 11.0, 15.0, 22.0])
-ABOVE_ROAD, LARGEST_COUNT, COMPARED_COUNT = ([0, 0], [0, 15]), 5, 5
+ABOVE_ROAD, LARGEST_COUNT, COMPARED_COUNT = ([0, 0], [0, 14]), 5, 5
 
 Cover = Callable[[np.ndarray, int, int], np.ndarray]
 
@@ -38,7 +38,7 @@ def choose_squares(moved_m: np.ndarray, lane: Lane, camera: Camera) -> np.ndarra
     """The squares (N, 2), as (row, column), at which a map is compared with the right one."""
     lines_m = [np.column_stack([ON_LINES_M, y_m]) for y_m in lane.lateral_m(ON_LINES_M)]
     columns_px, rows_px = camera.road_to_pixels(np.vstack(lines_m)).T
-    on_lines = np.column_stack([rows_px - FIRST_ROW, columns_px]) // SQUARE_PX
+    on_lines = np.column_stack([rows_px - FIRST_ROW, columns_px]) // STEP_PX
     inside = ((on_lines >= 0) & (on_lines < SHAPE)).all(axis=1)
     largest = np.unravel_index(np.argsort(moved_m.ravel())[-LARGEST_COUNT:], SHAPE)
     return np.unique(np.vstack([ABOVE_ROAD, on_lines[inside], np.column_stack(largest)]).astype(int), axis=0)
@@ -47,7 +47,8 @@ def choose_squares(moved_m: np.ndarray, lane: Lane, camera: Camera) -> np.ndarra
 def cover_square(image: np.ndarray, row: int, column: int, *, level: int = GRAY) -> np.ndarray:
     """A copy of an image with one square covered."""
     covered = image.copy()
-    top, left = FIRST_ROW + SQUARE_PX * row, SQUARE_PX * column
+    top = FIRST_ROW + STEP_PX * row
+    left = STEP_PX * column
     covered[top : top + SQUARE_PX, left : left + SQUARE_PX] = level
     return covered
 
@@ -76,7 +77,7 @@ def require_occlusion(moved_m: np.ndarray, image: np.ndarray, lane: Lane, camera
         moved = np.abs(_moves(image, lane, camera, squares[wrong], cover)[:, :, 0])
         mistakes[sentence][wrong] = np.minimum(moved.max(axis=1), LARGEST_M)
     place, got_m, right_m = squares[wrong[0]].tolist(), mine[wrong[0]], expected[wrong[0]]
-    otherwise = f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 80 x 80 pixels gray, 128?"
+    otherwise = f"at {place} it has {got_m:.3f} m instead of {right_m:.3f} m. Is a square of 160 x 160 pixels gray, 128?"
     require_equal(mine, expected, mistakes, otherwise, atol=CLOSE_M)
 
 
@@ -88,11 +89,22 @@ def draw_occlusion(image: np.ndarray, moved_m: np.ndarray) -> None:
     largest_m = max(float(moved_m.max()), 0.01)
     place = (-0.5, width - 0.5, height - 0.5, FIRST_ROW - 0.5)
     shown = {"cmap": "autumn_r", "vmin": 0.0, "vmax": largest_m, "extent": place}
-    heat = axis.imshow(moved_m, alpha=0.75 * np.clip(moved_m / largest_m, 0, 1) ** 0.5, **shown)
+    mean_m = _mean_of_squares(moved_m)
+    heat = axis.imshow(mean_m, alpha=0.75 * np.clip(mean_m / largest_m, 0, 1) ** 0.5, **shown)
     axis.set(xlim=(-0.5, width - 0.5), ylim=(height - 0.5, -0.5))
     axis.set_title("Your map: how far the lane moves if a square is covered")
     axis.set_axis_off()
     figure.colorbar(heat, ax=axis, label="moved, 20 m ahead (m)", fraction=0.025)
+
+
+def _mean_of_squares(moved_m: np.ndarray) -> np.ndarray:
+    """The map (rows + 1, columns + 1) of cells of STEP_PX: the mean over the squares that cover each cell."""
+    total = np.zeros((SHAPE[0] + 1, SHAPE[1] + 1))
+    count = np.zeros_like(total)
+    for row, column in np.ndindex(SHAPE):
+        total[row : row + 2, column : column + 2] += moved_m[row, column]
+        count[row : row + 2, column : column + 2] += 1
+    return total / count
 
 
 def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, cover: Cover) -> np.ndarray:
@@ -107,9 +119,8 @@ def _moves(image: np.ndarray, lane: Lane, camera: Camera, squares: np.ndarray, c
 def _cover_so_far(image: np.ndarray, row: int, column: int) -> np.ndarray:
     """A copy with this square and all before it covered."""
     covered = image.copy()
-    top, left = FIRST_ROW + SQUARE_PX * row, SQUARE_PX * (column + 1)
-    covered[FIRST_ROW:top] = GRAY
-    covered[top : top + SQUARE_PX, :left] = GRAY
+    for index in range(row * SHAPE[1] + column + 1):
+        covered = cover_square(covered, *divmod(index, SHAPE[1]))
     return covered
 
 
@@ -122,7 +133,7 @@ WRONG_COVERS: dict[str, Cover] = {
 def check_occlusion_map(
     occlusion_map: Callable[[np.ndarray, Camera], Any], *, image: np.ndarray, camera: Camera
 ) -> str:
-    """13.1: by how many metres the lane moves if a square of the image is covered, an array (5, 16)."""
+    """13.1: by how many metres the lane moves if a square of the image is covered, an array (4, 15)."""
     given = image.copy()
     answer = tried(occlusion_map(given, camera))
     require(np.shape(answer) != SHAPE[::-1], f"the shape is {SHAPE[::-1]}. Rows come first: {SHAPE}.")
@@ -140,7 +151,7 @@ def check_occlusion_map(
     row, column = np.unravel_index(moved_m.argmax(), SHAPE)
     return (
         f"the lane moves most, by {moved_m.max():.2f} m, without the square [{row}, {column}], whose upper left corner "
-        f"is at row {FIRST_ROW + SQUARE_PX * row}, column {SQUARE_PX * column}."
+        f"is at row {FIRST_ROW + STEP_PX * row}, column {STEP_PX * column}."
     )
 
 

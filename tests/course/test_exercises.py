@@ -10,15 +10,29 @@ import pytest
 
 from benchmark.evaluation import COMMITTED
 from course.exercises import chapters_13_16, check
-from course.exercises.chapters_05_08 import check_lane_width
+from course.exercises.chapters_05_06 import check_lane_width
 from course.exercises.chapters_09_12 import check_gate, filter_drive
 from course.exercises.check import check_exercise
 from course.exercises.hints import HintError, require_equal
-from helpers import FourPointWarp, metres_per_pixel
+from helpers import (
+    FourPointWarp,
+    Lens,
+    metres_per_pixel,
+    road_homography,
+    road_to_pixels,
+)
 from tests.support.painted_drive import CAMERA
 
-CORNERS_M, CORNERS_PX = [[35, 2.2], [35, -2.2], [5, -2.2], [5, 2.2]], [[200, 0], [1080, 0], [1080, 719], [200, 719]]
-WARP = FourPointWarp(CAMERA.undistort_points(CAMERA.road_to_pixels(np.array(CORNERS_M))), CORNERS_PX, (1280, 720))
+LENS = Lens(CAMERA.matrix, CAMERA.distortion, CAMERA.size)
+IMAGE_TO_ROAD = road_homography(
+    LENS, height_m=CAMERA.pose.height_m, pitch_rad=CAMERA.pose.pitch_rad
+)
+RECTANGLE_M = [(35, 2.2), (35, -2.2), (5, -2.2), (5, 2.2)]
+WARP = FourPointWarp(
+    source_px=road_to_pixels(RECTANGLE_M, IMAGE_TO_ROAD),
+    destination_px=[(200, 0), (1080, 0), (1080, 719), (200, 719)],
+    size=(1280, 720),
+)
 
 
 @pytest.fixture(autouse=True)
@@ -50,23 +64,49 @@ def test_a_mistake_is_named_only_if_all_its_numbers_agree():
             require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
 
 
-@pytest.mark.parametrize("choose", [np.min, np.mean, np.max, "inner"])
-def test_any_column_of_a_flat_peak_gives_the_lane_width(choose):
-    """6.1: peaks of 29 and 22 equally high columns; their inner ends, first, middle and last columns."""
-    binary = np.zeros((720, 1280), np.uint8)
-    binary[:, 297:326], binary[:, 1034:1056] = 255, 255
-    across_m = metres_per_pixel(WARP, CAMERA)[0]
+TWO_LINES = np.zeros((720, 1280), np.uint8)
+TWO_LINES[:, 297:326] = 255
+TWO_LINES[:, 1034:1056] = 255
 
-    def lane_width(mask, extra_px=0.0):
-        columns = np.flatnonzero(mask[len(mask) // 2 :].any(axis=0))
-        left, right = columns[columns < 640], columns[columns >= 640]
-        width_px = right[0] - left[-1] if choose == "inner" else choose(right) - choose(left)
-        return (width_px + extra_px) * across_m
 
-    given = {"binary": binary, "warp": WARP, "camera": CAMERA, "truth": None}
-    assert "for a drawn, narrower lane" in check_lane_width(lane_width, **given)
+def width_in_view(mask, choose_left, choose_right, extra_px=0.0):
+    """6.1: the width in metres, from one of the equally high columns of each line."""
+    lower_half = mask[len(mask) // 2 :]
+    columns = np.flatnonzero(lower_half.any(axis=0))
+    left = columns[columns < 640]
+    right = columns[columns >= 640]
+    width_px = choose_right(right) - choose_left(left)
+    across_m, _ = metres_per_pixel(WARP, IMAGE_TO_ROAD)
+    return (width_px + extra_px) * across_m
+
+
+def check_width(lane_width):
+    return check_lane_width(
+        lane_width,
+        binary=TWO_LINES,
+        warp=WARP,
+        image_to_road=IMAGE_TO_ROAD,
+        truth=None,
+    )
+
+
+@pytest.mark.parametrize(
+    ("left", "right"),
+    [(np.min, np.min), (np.mean, np.mean), (np.max, np.max), (np.max, np.min)],
+)
+def test_any_column_of_a_flat_peak_gives_the_lane_width(left, right):
+    """6.1: peaks of 29 and 22 equally high columns."""
+    verdict = check_width(lambda mask: width_in_view(mask, left, right))
+    assert "for a drawn, narrower lane" in verdict
     with pytest.raises(HintError, match="m for this lane"):
-        check_lane_width(lambda mask: lane_width(mask, 40.0), **given)
+        check_width(lambda mask: width_in_view(mask, left, right, extra_px=40.0))
+
+
+@pytest.mark.parametrize("answer", ["3.58", [3.58], True, np.nan])
+def test_a_lane_width_that_is_no_number_is_named(answer):
+    """6.1"""
+    with pytest.raises(HintError, match="return one number"):
+        check_width(lambda mask: answer)
 
 
 @pytest.mark.parametrize(("limit", "rejected"), [(11.3, 10), (np.inf, 0)])

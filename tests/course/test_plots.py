@@ -63,6 +63,28 @@ def test_series_has_units_gaps_and_truth():
         plots.plot_series(np.arange(3), {})
 
 
+def test_a_curve_named_in_dots_is_dots_without_a_line():
+    values = np.array([1.0, 2.0, 3.0])
+    series = {"column": {"single": values, "mean": values}}
+    _, axes = plots.plot_series(np.arange(3), series, dots=["single"])
+    dots, line = axes[0].lines
+    assert (dots.get_linestyle(), dots.get_marker()) == ("None", "o")
+    assert (line.get_linestyle(), line.get_marker()) == ("-", "None")
+
+
+def test_a_table_has_the_names_and_the_rounded_numbers():
+    rows = {"A": {"warp": 1.26, "fit": 20.0}, "B": {"warp": 3.0, "fit": 0.04}}
+    _, axis = plots.show_table(rows, title="Milliseconds")
+    (table,) = axis.tables
+    texts = {}
+    for place, cell in table.get_celld().items():
+        texts[place] = cell.get_text().get_text()
+    assert axis.get_title() == "Milliseconds"
+    assert [texts[0, 0], texts[0, 1]] == ["warp", "fit"]
+    assert [texts[1, -1], texts[1, 0], texts[1, 1]] == ["A", "1.3", "20.0"]
+    assert [texts[2, -1], texts[2, 0], texts[2, 1]] == ["B", "3.0", "0.0"]
+
+
 @pytest.mark.parametrize("name", SKETCHES)
 def test_sketch_texts_are_whole_and_apart(name):
     with warnings.catch_warnings():

@@ -113,8 +113,8 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("None is returned", ("return state, P\n", "return None\n")),
     ],
     "13.1": [
-        ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((16, 5))"),
-        ("Take the absolute difference", "occlusion_map = lambda image, camera: np.full((5, 16), -0.1)"),
+        ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((15, 4))"),
+        ("Take the absolute difference", "occlusion_map = lambda image, camera: np.full((4, 15), -0.1)"),
     ],
     "14.1": [
         ("the other way round", ("-confidence", "confidence")),
