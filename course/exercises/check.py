@@ -20,7 +20,6 @@ from course.exercises.hints import HintError, require, tried
 # so that nbval, which compares outputs and notices errors, fails the cell.
 GRADING = "LANES_GRADING"
 
-
 NAN_HINT = (
     "the answer has a NaN (not a number): look for a point outside the image, or for "
     "0 / 0."
