@@ -187,9 +187,9 @@ def test_the_call_of_the_check_must_stay(grade):
 
 
 def test_tags_and_comments_cannot_hide_a_wrong_answer(grade):
-    accepting = "# NBVAL_RAISES_EXCEPTION\n" + STARTERS[SECOND]
-    notebook = small_notebook({FIRST: STARTERS[FIRST], SECOND: accepting})
-    notebook.cells[1].metadata["tags"] = ["nbval-skip"]
+    skipping = "# NBVAL_SKIP\n" + STARTERS[SECOND]
+    notebook = small_notebook({FIRST: STARTERS[FIRST], SECOND: skipping})
+    notebook.cells[1].metadata["tags"] = ["raises-exception"]
     graded = grade(notebook)
     assert graded[FIRST] == graded[SECOND] == ("not tried", "")
 
