@@ -9,7 +9,6 @@ import json
 import re
 import subprocess
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -54,7 +53,7 @@ def test_is_executed_from_top_to_bottom_without_errors():
 
 
 # Cells that print milliseconds, which differ in each run.
-TIMING_CELLS = {"ch08-30"}
+TIMING_CELLS = {"ch08-41"}
 EXERCISE_CELLS = {
     cell["id"]: cell for cell in CODE_CELLS if CHECK_CALL.search(source(cell))
 }
@@ -125,21 +124,25 @@ def names_read(code: str) -> set[str]:
 
 
 def test_cells_are_short_and_need_no_scrolling():
-    """88 columns: the width of a cell in Jupyter and in the book."""
+    """At most 25 lines of code, besides blank lines and comments between the stages.
+
+    88 columns are the width of a cell in Jupyter and in the book.
+    """
     for cell in CODE_CELLS:
         lines = source(cell).splitlines()
-        assert len(lines) <= 25, source(cell)
+        code = [line for line in lines if line.strip() and line.strip()[0] != "#"]
+        assert len(code) <= 25, source(cell)
         assert max(map(len, lines)) <= 88, source(cell)
         # nbval shows the value that a trailing semicolon hides in Jupyter
         assert not any(line.rstrip().endswith(";") for line in lines), source(cell)
 
 
 def test_every_code_cell_is_announced_by_text():
-    kinds = ["code", *(cell["cell_type"] for cell in CELLS)]
-    assert (
-        all(before == "markdown" for before, kind in pairwise(kinds) if kind == "code")
-        and kinds[1] == "markdown"
-    )
+    """By the text above it, or above the cell before, whose result it shows."""
+    kinds = "".join(cell["cell_type"][0] for cell in CELLS)
+    assert kinds.startswith("m")
+    alone = [CELLS[found.start()]["id"] for found in re.finditer("ccc", kinds)]
+    assert not alone
 
 
 def test_every_chapter_has_questions_with_answers_and_a_check_that_prints_a_number():
@@ -167,7 +170,7 @@ def test_every_chapter_has_questions_with_answers_and_a_check_that_prints_a_numb
                 .split("Recall:")[1]
                 .split("<summary>Answers</summary>")
             )
-            assert recall.count("?") == 3, number
+            assert recall.count("?") >= 3, number
             assert answers.split("</details>")[0].strip().count(".") >= 3, number
 
 
