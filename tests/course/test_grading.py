@@ -207,6 +207,7 @@ def test_other_outputs_of_the_course_are_named_whatever_was_saved(grade):
     output hides it.
     """
     notebook = small_notebook(SOLUTIONS_OF_BOTH)
+    notebook.cells[-1].outputs[0].text = "3\n"
     notebook.cells.insert(
         3, v4.new_code_cell("np = type('', (), {'arange': lambda n: n})")
     )
