@@ -128,17 +128,13 @@ def _judge_answer(submitted: SubmittedCell, result: CellResult) -> Verdict:
     if result.error:
         return Verdict(number, WRONG, f"the cell raised {result.error}: {hint}")
     if result.failed:
-        return Verdict(
-            number,
-            NOT_GRADED,
-            f"the cell {result.failed}: an earlier cell ended the kernel.",
-        )
+        message = f"the cell {result.failed}: an earlier cell ended the kernel."
+        return Verdict(number, NOT_GRADED, message)
 
     said = f"{number}: correct, "
     if said not in result.printed:
-        return Verdict(
-            number, WRONG, "the check did not print that the answer is correct."
-        )
+        message = "the check did not print that the answer is correct."
+        return Verdict(number, WRONG, message)
     reached = result.printed.partition(said)[2].splitlines()[0]
     return Verdict(number, PASSED, reached)
 
@@ -153,16 +149,13 @@ def judge_other_cells(submission: Submission, results: list[CellResult]) -> Verd
     own_cells = 0
     for submitted, result in zip(submission.cells, results, strict=True):
         if submitted.of_course and result.failed:
-            reason = (
-                f"{result.error}: {result.error_text}"
-                if result.error
-                else result.failed
-            )
+            reason = result.failed
+            if result.error:
+                reason = f"{result.error}: {result.error_text}"
             faults.append(f"{submitted.cell.id}: {reason}")
         if not submitted.of_course and not submitted.exercise:
             own_cells += 1
     if faults:
         return Verdict(OTHER_CELLS, "differ", "; ".join(faults))
-    return Verdict(
-        OTHER_CELLS, AS_IN_THE_COURSE, f"and {own_cells} more" if own_cells else ""
-    )
+    message = f"and {own_cells} more" if own_cells else ""
+    return Verdict(OTHER_CELLS, AS_IN_THE_COURSE, message)

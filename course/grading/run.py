@@ -22,6 +22,8 @@ from course.grading.nbval_record import RECORD
 # What the notebook imports and reads.
 PACKAGES = ("lanes", "simulator", "benchmark", "course")
 DATA = ("camera_cal", "test_images", "test_videos")
+# What a student may need beside the notebook: an image or a video of a road.
+MEDIA = (".jpg", ".jpeg", ".png", ".mp4", ".mov", ".avi", ".mkv", ".webm")
 # Time beyond that of a cell: the start of a kernel on a loaded machine, and nbval's own
 # attempts to stop a cell.
 PATIENCE_S = 120.0
@@ -48,10 +50,6 @@ class CellResult:
 NOT_RUN = CellResult("was not run", error=None, error_text="", printed="", ended=True)
 
 
-# What a student may need beside the notebook: an image or a video of a road.
-MEDIA = (".jpg", ".jpeg", ".png", ".mp4", ".mov", ".avi", ".mkv", ".webm")
-
-
 def run_cells(
     cells: Sequence[nbformat.NotebookNode], *, media: Path, cell_timeout_s: float
 ) -> list[CellResult]:
@@ -59,9 +57,9 @@ def run_cells(
     result for each.
 
     Images and videos of the folder `media` are copied along. A cell that runs longer
-    than `cell_timeout_s` is interrupted. After a cell that ends
-    the kernel, or cannot be interrupted, the others are `NOT_RUN`. Raises OSError if
-    nbval runs no cell at all.
+    than `cell_timeout_s` is interrupted. After a cell that ends the kernel, or cannot
+    be interrupted, the others are `NOT_RUN`. Raises OSError if nbval ends without
+    running a cell.
     """
     # A process that the student's code left behind may still write.
     temporary = tempfile.TemporaryDirectory(
@@ -78,8 +76,8 @@ def run_cells(
         record = folder / "record.jsonl"
         record.touch()
         log = folder / "nbval.txt"
-        _run_nbval(folder, record, log, cell_timeout_s)
-        if cells and not record.stat().st_size:
+        ended = _run_nbval(folder, record, log, cell_timeout_s)
+        if ended and cells and not record.stat().st_size:
             said = log.read_text(errors="replace")[-2000:]
             raise OSError(f"nbval ran no cell, not even the first; it said:\n{said}")
         return _read_record(record, len(cells))
@@ -97,30 +95,20 @@ def _copy_course(folder: Path) -> None:
     (folder / "pytest.ini").write_text("[pytest]\n")
 
 
-def _run_nbval(folder: Path, record: Path, log: Path, cell_timeout_s: float) -> None:
-    """Run nbval on the notebook in `folder`. A run without progress is ended with all
-    processes that it started.
+def _run_nbval(folder: Path, record: Path, log: Path, cell_timeout_s: float) -> bool:
+    """Run nbval on the notebook in `folder`; returns whether it ended by itself.
+
+    A run without progress is ended with all processes that it started.
     """
     environment = {
         name: value for name, value in os.environ.items() if name not in OWN_VARIABLES
     }
     environment |= {GRADING: "1", RECORD: str(record), "JUPYTER_PLATFORM_DIRS": "1"}
-    command = [sys.executable, "-m", "pytest", "--nbval", "--nbval-current-env"]
-    command += [
-        "--nbval-cell-timeout",
-        str(cell_timeout_s),
-        "-p",
-        "course.grading.nbval_record",
-    ]
-    command += [
-        "-p",
-        "no:cacheprovider",
-        "-p",
-        "no:randomly",
-        "-p",
-        "no:xdist",
-        "submission.ipynb",
-    ]
+    options = (
+        f"--nbval --nbval-current-env --nbval-cell-timeout {cell_timeout_s} "
+        "-p course.grading.nbval_record -p no:cacheprovider -p no:randomly -p no:xdist"
+    )
+    command = [sys.executable, "-m", "pytest", *options.split(), "submission.ipynb"]
     with log.open("wb") as output:
         process = subprocess.Popen(
             command,
@@ -131,24 +119,25 @@ def _run_nbval(folder: Path, record: Path, log: Path, cell_timeout_s: float) -> 
             stderr=subprocess.STDOUT,
         )
         try:
-            _wait(process, record, cell_timeout_s + PATIENCE_S)
+            return _wait(process, record, cell_timeout_s + PATIENCE_S)
         finally:
             _end(process)
             process.wait()
 
 
-def _wait(process: subprocess.Popen, record: Path, most_s: float) -> None:
-    """Wait for the end of a process, as long as it writes to its record at least every
-    `most_s`.
+def _wait(process: subprocess.Popen, record: Path, most_s: float) -> bool:
+    """Wait for a process as long as it writes to its record at least every `most_s`;
+    returns whether it ended.
     """
     written_bytes = -1
     while record.stat().st_size > written_bytes:
         written_bytes = record.stat().st_size
         try:
             process.wait(most_s)
-            return
+            return True
         except subprocess.TimeoutExpired:
             continue
+    return False
 
 
 def _end(process: subprocess.Popen) -> None:
