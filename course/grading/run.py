@@ -21,7 +21,7 @@ from course.grading.nbval_record import RECORD
 
 # What the notebook imports and reads.
 PACKAGES = ("lanes", "simulator", "benchmark", "course")
-DATA = ("camera_cal", "test_images", "test_videos")
+DATA = ("camera_cal", "test_images", "test_videos", "docs")
 # What a student may need beside the notebook: an image or a video of a road.
 MEDIA = (".jpg", ".jpeg", ".png", ".mp4", ".mov", ".avi", ".mkv", ".webm")
 # Time beyond that of a cell: the start of a kernel on a loaded machine, and nbval's own
