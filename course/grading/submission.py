@@ -18,7 +18,6 @@ SOLUTION = re.compile(r"<details>\s*<summary>Solution</summary>.*?</details>", r
 _NUMBER = re.compile(r"""check_exercise\(\s*["']([\d.]+)["']""")
 # Comments that tell nbval to skip a cell, or to accept its error.
 _NBVAL_COMMENT = re.compile(r"^\s*#+\s*(NBVAL|PYTEST_VALIDATE)_\w+\s*$", re.M)
-EXERCISE_TAGS = ["exercise", "nbval-ignore-output"]
 
 
 class SubmissionError(ValueError):
@@ -77,7 +76,7 @@ class Submission:
         """
         number = self.cells[index].exercise
         assert number is not None
-        starter = _exercise_cell(course.exercises[number].starter)
+        starter = _unrun_cell(course.exercises[number].starter)
         cells = [*self.cells]
         cells[index] = replace(cells[index], cell=starter)
         return replace(self, cells=cells)
@@ -133,7 +132,7 @@ def read_submission(path: Path, course: Course) -> Submission:
         elif number and number.group(1) in course.exercises:
             exercise = course.exercises[number.group(1)]
             changed = not f"\n{source}".endswith(f"\n{exercise.call}")
-            answered = _exercise_cell(_NBVAL_COMMENT.sub("", source))
+            answered = _unrun_cell(_NBVAL_COMMENT.sub("", source))
             cells.append(SubmittedCell(answered, exercise.number, changed_call=changed))
         else:
             cells.append(SubmittedCell(_unrun_cell(_NBVAL_COMMENT.sub("", source))))
@@ -165,12 +164,6 @@ def _normal(source: str) -> str:
     """
     lines = [line.rstrip() for line in source.splitlines()]
     return "\n".join(lines).strip("\n")
-
-
-def _exercise_cell(source: str) -> nbformat.NotebookNode:
-    cell = _unrun_cell(source)
-    cell.metadata["tags"] = EXERCISE_TAGS
-    return cell
 
 
 def _unrun_cell(source: str) -> nbformat.NotebookNode:

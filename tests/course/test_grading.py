@@ -15,8 +15,13 @@ from nbformat import v4
 from course.exercises.check import WrongAnswerError, check_exercise
 from course.grading import __main__ as command
 from course.grading.grade import OTHER_CELLS, grade_notebook
-from course.grading.submission import EXERCISE_TAGS, read_course, read_submission
-from tests.end_to_end.notebook_reader import NOTEBOOK, exercises, solved_notebook
+from course.grading.submission import read_course, read_submission
+from tests.end_to_end.notebook_reader import (
+    EXERCISE_TAGS,
+    NOTEBOOK,
+    exercises,
+    solved_notebook,
+)
 
 # Exercises that are quick and need nothing of the cells before.
 FIRST, SECOND = "9.1", "14.1"

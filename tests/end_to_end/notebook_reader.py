@@ -30,6 +30,8 @@ CELLS = json.loads(NOTEBOOK.read_text(encoding="utf-8"))["cells"]
 SLOW_CALLS = re.compile(
     r"calibrate|process_video|VideoFileClip|follow\(|score_|explain|\btrack\("
 )
+# Tags of the cell of an exercise.
+EXERCISE_TAGS = ["exercise", "nbval-ignore-output"]
 SOLUTION = re.compile(r"<summary>Solution</summary>.*?```python\n(.*?)```", re.S)
 # Nobody sees the figures of these checks, so they are drawn, but not turned into JPEG.
 WITHOUT_JPEG = """

@@ -17,10 +17,11 @@ import course
 import helpers
 import lanes
 from course.exercises.check import CHECKS
-from course.grading.submission import CHECK_CALL, EXERCISE_TAGS
+from course.grading.submission import CHECK_CALL
 from tests.end_to_end.nbval_plugin import figure_fault
 from tests.end_to_end.notebook_reader import (
     CELLS,
+    EXERCISE_TAGS,
     NOTEBOOK,
     exercises,
     source,
@@ -135,6 +136,12 @@ def test_cells_are_short_and_need_no_scrolling():
         assert max(map(len, lines)) <= 88, source(cell)
         # nbval shows the value that a trailing semicolon hides in Jupyter
         assert not any(line.rstrip().endswith(";") for line in lines), source(cell)
+
+
+def test_no_two_code_cells_are_equal():
+    """Grading knows the cells of the course by their text."""
+    sources = [source(cell) for cell in CODE_CELLS]
+    assert len({*sources}) == len(sources)
 
 
 def test_every_code_cell_is_announced_by_text():
