@@ -18,6 +18,7 @@ Road points are (x, y), x forward and y to the left, metres.
 from __future__ import annotations
 
 import csv
+import io
 import os
 import re
 import warnings
@@ -40,7 +41,8 @@ Colour = tuple[int, int, int]
 
 IMAGE_FILES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 # Smallest part of a board that is used: fewer corners occur by chance in textures.
-MIN_COLUMNS, MIN_ROWS = 5, 4
+MIN_COLUMNS = 5
+MIN_ROWS = 4
 # Largest distance of a corner from an even grid, as a share of a square. Measured on
 # Udacity's boards: up to 0.16 because of the lens, 0.39 or more if a row is skipped.
 MAX_UNEVENNESS = 0.25
@@ -57,13 +59,18 @@ def require_rgb(image: np.ndarray) -> np.ndarray:
     """The image, contiguous in memory; ValueError if it is not RGB, uint8."""
     if not isinstance(image, np.ndarray):
         raise ValueError(
-            f"expected an RGB image, got {type(image).__name__}; read it with read_image."
+            f"expected an RGB image, got {type(image).__name__}; "
+            "read it with read_image."
         )
     is_rgb = image.ndim == 3 and image.shape[-1] == 3 and image.dtype == np.uint8
-    if not is_rgb or not image.size:
+    if not is_rgb:
         raise ValueError(
-            "expected an RGB image of shape (height, width, 3) and dtype uint8, got shape "
-            f"{image.shape}, dtype {image.dtype}; read it with read_image."
+            "expected an RGB image of shape (height, width, 3) and dtype uint8, "
+            f"got shape {image.shape}, dtype {image.dtype}; read it with read_image."
+        )
+    if not image.size:
+        raise ValueError(
+            f"image holds no pixels (shape {image.shape}); check how it was cropped."
         )
     return np.ascontiguousarray(image)
 
@@ -89,10 +96,23 @@ def read_image(path: str | Path) -> np.ndarray:
         bgr = cv2.imdecode(data, cv2.IMREAD_COLOR)
     if bgr is None:
         raise OSError(
-            f"{path}: cannot be decoded as an image: it is empty, cut off or of another "
-            "format; copy it again, or convert it to JPEG."
+            f"{path}: cannot be decoded as an image; it is empty, cut off or of "
+            "another format: copy it again, or convert it to JPEG."
         )
     return cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
+
+
+@contextmanager
+def complete_file(path: Path) -> Iterator[Path]:
+    """Another name to write a file under; it is renamed if the block succeeds."""
+    partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        # a folder that cannot be written to is reported before the work
+        partial_path.touch()
+        yield partial_path
+        os.replace(partial_path, path)
+    finally:
+        partial_path.unlink(missing_ok=True)
 
 
 def write_image(path: str | Path, image: np.ndarray) -> Path:
@@ -105,24 +125,15 @@ def write_image(path: str | Path, image: np.ndarray) -> Path:
     if path.suffix.lower() not in IMAGE_FILES:
         raise ValueError(f"{path}: end the name in .jpg or .png.")
     bgr = cv2.cvtColor(require_rgb(image), cv2.COLOR_RGB2BGR)
-    # clean edges at about a fifth of the size of a PNG; other formats ignore it
-    quality = [cv2.IMWRITE_JPEG_QUALITY, 92]
-    _, data = cv2.imencode(path.suffix, bgr, quality)
+    options = []
+    if path.suffix.lower() in (".jpg", ".jpeg"):
+        # clean edges at about a fifth of the size of a PNG
+        options = [cv2.IMWRITE_JPEG_QUALITY, 92]
+    _, data = cv2.imencode(path.suffix, bgr, options)
     path.parent.mkdir(parents=True, exist_ok=True)
     with complete_file(path) as partial_path:
         partial_path.write_bytes(data.tobytes())
     return path
-
-
-@contextmanager
-def complete_file(path: Path) -> Iterator[Path]:
-    """Another name to write a file under; it is renamed if the block succeeds."""
-    partial_path = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        yield partial_path
-        os.replace(partial_path, path)
-    finally:
-        partial_path.unlink(missing_ok=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,8 +157,9 @@ class Lens:
         distortion = np.asarray(self.distortion, float).ravel()
         if matrix.shape != (3, 3) or distortion.size not in (5, 8):
             raise ValueError(
-                f"matrix must be (3, 3), got {matrix.shape}, and distortion k1, k2, p1, "
-                f"p2, k3, got {distortion.size} numbers; take those of calibrateCamera."
+                f"the matrix must be (3, 3), got {matrix.shape}; the distortion k1, "
+                f"k2, p1, p2, k3, got {distortion.size} numbers; take those of "
+                "cv2.calibrateCamera."
             )
         object.__setattr__(self, "matrix", matrix)
         object.__setattr__(self, "distortion", distortion)
@@ -188,11 +200,12 @@ def calibrate(
     """Lens from images of a chessboard in different positions (Zhang, PAMI 2000).
 
     `board_files` is a folder or a list of files, `corners` the board's inner corners
-    (columns, rows). Boards that the image border cuts off count with their visible part.
-    Images without a board, images of another size and boards that fit far worse than
-    the others are left out; `Lens.not_used` names them.
+    (columns, rows). Boards that the image border cuts off count with their visible
+    part. Images without a board, images of another size and boards that fit far worse
+    than the others are left out; `Lens.not_used` names them.
 
-    Raises OSError if a file cannot be read, ValueError if fewer than three boards remain.
+    Raises OSError if a file cannot be read, ValueError if fewer than three boards
+    remain.
     """
     boards: dict[str, Board] = {}
     not_used: dict[str, str] = {}
@@ -344,9 +357,9 @@ def fit_lens(
     if len(boards) < 3:
         reasons = "".join(f"\n  {name}: {why}" for name, why in not_used.items())
         raise ValueError(
-            f"only {len(boards)} images show a board that can be used, but a calibration "
-            "needs three, better 15; take more, tilted to different sides, or give the "
-            f"number of inner corners that your board has.{reasons}"
+            f"only {len(boards)} images show a board that can be used, but a "
+            "calibration needs three, better 15; take more, tilted to different sides, "
+            f"or give the number of inner corners of your board.{reasons}"
         )
     # several threads sum in another order each time: the last digits would change
     threads = cv2.getNumThreads()
@@ -356,8 +369,9 @@ def fit_lens(
             objectPoints=[board.points for board in boards.values()],
             imagePoints=[board.corners_px for board in boards.values()],
             imageSize=size,
-            cameraMatrix=None,
-            distCoeffs=None,
+            # no first guess: they are overwritten
+            cameraMatrix=np.eye(3),
+            distCoeffs=np.zeros(5),
         )
     except cv2.error as error:
         raise ValueError(
@@ -416,8 +430,8 @@ def undistort_points(points_px: ArrayLike, lens: Lens) -> np.ndarray:
 def distort_points(points_px: ArrayLike, lens: Lens) -> np.ndarray:
     """Points (N, 2) of the raw image for points (N, 2) of the undistorted one.
 
-    They are NaN where the lens model does not hold: far outside the image its polynomial
-    turns back and would place them inside.
+    They are NaN where the lens model does not hold: far outside the image its
+    polynomial turns back and would place them inside.
     """
     points = np.asarray(points_px, float).reshape(-1, 2)
     if not len(points):
@@ -444,11 +458,11 @@ def distort_points(points_px: ArrayLike, lens: Lens) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FourPointWarp:
-    """Homography from four points of the undistorted image to four of the bird's-eye view.
+    """Homography from four points of the undistorted image to the bird's-eye view.
 
-    If the four points form a rectangle on a flat road, the view is a map of the road with
-    two constant scales. Those of the recipes were chosen by eye and do so only roughly.
-    Raises ValueError if the points do not go around a convex quadrangle.
+    If the four points form a rectangle on a flat road, the view is a map of the road
+    with two constant scales. Those of the recipes were chosen by eye and do so only
+    roughly. Raises ValueError if the points do not go around a convex quadrangle.
     """
 
     source_px: np.ndarray  # (4, 2) in the undistorted image, around the quadrangle
@@ -525,15 +539,15 @@ def road_homography(
     """Homography (3, 3) from undistorted pixels (u, v, 1) to the flat road (x, y, 1).
 
     The camera is `height_m` above the road; pitch > 0 looks down, yaw > 0 looks left,
-    roll > 0 has the right side down. The third number, before the division, is 1 / depth
-    in 1/m: it is 0 at the horizon and negative above it. Raises ValueError if a number
-    is not finite, or the height not positive.
+    roll > 0 has the right side down. The third number, before the division, is 1 /
+    depth in 1/m: it is 0 at the horizon and negative above it. Raises ValueError if a
+    number is not finite, or the height not positive.
     """
     numbers = (height_m, pitch_rad, yaw_rad, roll_rad)
     if not np.isfinite(numbers).all() or height_m <= 0:
         raise ValueError(
-            f"height {height_m} m, pitch {pitch_rad}, yaw {yaw_rad}, roll {roll_rad} rad: "
-            "give finite numbers, and a height above the road that is positive."
+            f"height {height_m} m, pitch {pitch_rad}, yaw {yaw_rad}, roll {roll_rad} "
+            "rad: give finite numbers, and a positive height above the road."
         )
     sin_pitch, cos_pitch = np.sin(pitch_rad), np.cos(pitch_rad)
     sin_yaw, cos_yaw = np.sin(yaw_rad), np.cos(yaw_rad)
@@ -614,8 +628,8 @@ def metres_per_pixel(
     """(metres per column, metres per row) of a view.
 
     They are exact only if the four points are a rectangle on the road: the first one is
-    that at the centre of the bottom row, where the offset is measured, the second one the
-    mean over the centre column. Raises ValueError if the view reaches the horizon.
+    that at the centre of the bottom row, where the offset is measured, the second one
+    the mean over the centre column. Raises ValueError if the view reaches the horizon.
     """
     width, height = warp.size
     centre = (width - 1) / 2
@@ -625,8 +639,8 @@ def metres_per_pixel(
     near, far = birdseye_to_road([(centre, bottom), (centre, 0)], warp, image_to_road)
     if not np.isfinite([left, right, near, far]).all():
         raise ValueError(
-            "the quadrangle of the warp reaches the horizon of this camera, so its rows "
-            "have no length on the road; choose lower points or correct the pitch."
+            "the quadrangle of the warp reaches the horizon of this camera, so its "
+            "rows have no length on the road; choose lower points or correct the pitch."
         )
     across_m = np.linalg.norm(left - right)
     along_m = np.linalg.norm(far - near) / max(height - 1, 1)
@@ -644,9 +658,9 @@ class Levels(NamedTuple):
 
     The published gradients are scaled so that the largest one of the image is 255: one
     glint changes every threshold. Here a step edge of `full_step` levels is 255. In
-    `RECIPES` these are the medians of the largest gradient over 66 motorway images: gray
-    180 with a kernel of 3 and 195 with 9, lightness of the view 78, saturation 232. Those
-    of recipe A are rounded to 75 and 255, closer to its published results.
+    `RECIPES` these are the medians of the largest gradient over 66 motorway images:
+    gray 180 with a kernel of 3 and 195 with 9, lightness of the view 78, saturation
+    232. Those of recipe A are rounded to 75 and 255, closer to its published results.
     """
 
     # "gray", "equalized" (after histogram equalization), or space and channel: "HLS S"
@@ -684,8 +698,8 @@ def colour_channel(image: np.ndarray, name: str) -> np.ndarray:
     is_known = space == "RGB" or space in conversions
     if not is_known or len(letter) != 1 or letter not in space:
         raise ValueError(
-            f"channel {name!r} is not known; use gray, equalized, or for example HLS S, "
-            "Lab b, RGB R."
+            f"channel {name!r} is not known; use gray, equalized, or for example "
+            "HLS S, Lab b, RGB R."
         )
     converted = image
     if space != "RGB":
@@ -709,13 +723,35 @@ def sobel_gradient(
 
 
 def edge_direction(along_u: np.ndarray, along_v: np.ndarray) -> np.ndarray:
-    """Directions of a gradient, radians: 0 for a vertical edge, pi / 2 for a horizontal."""
+    """Directions of a gradient, radians; 0 is a vertical edge, pi / 2 a level one."""
     return cv2.phase(np.abs(along_u), np.abs(along_v))
 
 
-def gradient_mask(channel: np.ndarray, levels: Levels) -> np.ndarray:
+class Channels:
+    """The channels and gradients of an RGB image; each is computed once."""
+
+    def __init__(self, image: np.ndarray) -> None:
+        self.image = image
+        self.channels: dict[str, np.ndarray] = {}
+        self.gradients: dict[tuple[str, int], tuple[np.ndarray, np.ndarray]] = {}
+
+    def channel(self, name: str) -> np.ndarray:
+        """See `colour_channel`."""
+        if name not in self.channels:
+            self.channels[name] = colour_channel(self.image, name)
+        return self.channels[name]
+
+    def gradient(self, name: str, kernel: int) -> tuple[np.ndarray, np.ndarray]:
+        """See `sobel_gradient`."""
+        key = (name, kernel)
+        if key not in self.gradients:
+            self.gradients[key] = sobel_gradient(self.channel(name), kernel)
+        return self.gradients[key]
+
+
+def gradient_mask(channels: Channels, levels: Levels) -> np.ndarray:
     """Binary of a threshold on the gradient of a channel."""
-    along_u, along_v = sobel_gradient(channel, levels.kernel)
+    along_u, along_v = channels.gradient(levels.channel, levels.kernel)
     if levels.of == "direction":
         return cv2.inRange(edge_direction(along_u, along_v), levels.low, levels.high)
 
@@ -727,8 +763,8 @@ def gradient_mask(channel: np.ndarray, levels: Levels) -> np.ndarray:
         size = np.abs(along_v)
     else:
         raise ValueError(
-            f"threshold of {levels.of!r} is not known; use value, gradient x, gradient y, "
-            "magnitude or direction."
+            f"a threshold of {levels.of!r} is not known; use value, gradient x, "
+            "gradient y, magnitude or direction."
         )
     scale = levels.full_step / 255
     # 255 is the end of the scale and includes all larger gradients
@@ -742,13 +778,13 @@ def slanted_edges(binary: np.ndarray, edges_rad: tuple[float, float]) -> np.ndar
     return cv2.inRange(edge_direction(along_u, along_v), edges_rad[0], edges_rad[1])
 
 
-def level_mask(image: np.ndarray, levels: Levels) -> np.ndarray:
-    """Binary (height, width) of one threshold on an RGB image."""
-    channel = colour_channel(image, levels.channel)
+def level_mask(channels: Channels, levels: Levels) -> np.ndarray:
+    """Binary (height, width) of one threshold."""
     if levels.of == "value":
+        channel = channels.channel(levels.channel)
         mask = cv2.inRange(channel, levels.low, levels.high)
     else:
-        mask = gradient_mask(channel, levels)
+        mask = gradient_mask(channels, levels)
     if levels.edges_rad is not None:
         mask = slanted_edges(mask, levels.edges_rad)
     return mask
@@ -771,11 +807,17 @@ class Thresholds:
 
     def masks(self, image: np.ndarray) -> dict[str, np.ndarray]:
         """All binaries (height, width) of an RGB image by name, and "combined"."""
-        image = require_rgb(image)
+        channels = Channels(require_rgb(image))
         region = self.region_mask(image)
         masks = {}
         for name, alternatives in self.rules.items():
-            masks[name] = region & self.rule_mask(image, alternatives)
+            mask = np.zeros_like(region)
+            for all_levels in alternatives:
+                all_hold = region.copy()
+                for levels in all_levels:
+                    all_hold &= level_mask(channels, levels)
+                mask |= all_hold
+            masks[name] = mask
 
         combined = np.zeros_like(region)
         for name in self.combined:
@@ -785,18 +827,6 @@ class Thresholds:
             combined = cv2.morphologyEx(combined, cv2.MORPH_CLOSE, square)
         masks["combined"] = combined
         return masks
-
-    def rule_mask(
-        self, image: np.ndarray, alternatives: Sequence[Sequence[Levels]]
-    ) -> np.ndarray:
-        """Binary of one rule: one of the alternatives holds with all of its levels."""
-        mask = np.zeros(image.shape[:2], np.uint8)
-        for all_levels in alternatives:
-            all_hold = np.full_like(mask, 255)
-            for levels in all_levels:
-                all_hold &= level_mask(image, levels)
-            mask |= all_hold
-        return mask
 
     def region_mask(self, image: np.ndarray) -> np.ndarray:
         """Binary of the region in which the other binaries may be set."""
@@ -864,10 +894,10 @@ def lane_histogram(
 
 
 def find_peaks(histogram: np.ndarray) -> tuple[int | None, int | None]:
-    """Columns of the highest peak left and right of the centre; None if a half is empty.
+    """Columns of the highest peaks left and right of the centre; None without one.
 
-    Of equally high columns the one closest to the centre is used, so that a mirrored image
-    has mirrored peaks.
+    Of equally high columns the one closest to the centre is used, so that a mirrored
+    image has mirrored peaks.
     """
     middle = len(histogram) // 2
     outwards = histogram[:middle][::-1]
@@ -899,10 +929,11 @@ def sliding_windows(
 ) -> WindowSearch:
     """Pixels of each line from a stack of windows that starts at its histogram peak.
 
-    `count` windows cover the full height; each reaches `margin_px` to both sides. One with
-    more than `recentre_pixels` moves the next one to their mean column. The pixels of one
-    with at least `flood_pixels` are dropped, because the threshold is flooded there; the
-    next window moves all the same. A line without a peak has no windows and no pixels.
+    `count` windows cover the full height; each reaches `margin_px` to both sides. One
+    with more than `recentre_pixels` moves the next one to their mean column. The pixels
+    of one with at least `flood_pixels` are dropped, because the threshold is flooded
+    there; the next window moves all the same. A line without a peak has no windows and
+    no pixels.
     """
     histogram = lane_histogram(binary, histogram_rows_px)
     search = WindowSearch(pixels=[], windows=[])
@@ -954,7 +985,7 @@ def slide_along_line(
     return np.concatenate(found), np.array(windows)
 
 
-def band_pixels(pixels: np.ndarray, line: ArrayLike, margin_px: float) -> np.ndarray:
+def band_pixels(pixels: np.ndarray, line: np.ndarray, margin_px: float) -> np.ndarray:
     """The pixels, of (N, 2), within `margin_px` columns of a line (A, B, C)."""
     if not len(pixels):
         return pixels
@@ -968,8 +999,8 @@ def band_pixels(pixels: np.ndarray, line: ArrayLike, margin_px: float) -> np.nda
 # 7. Fit and measure
 #
 # A line in the bird's-eye view is an array (3,): A, B, C of u = A v^2 + B v + C, the
-# column as a function of the row, as np.polyfit(v, u, 2) returns it. On the road it is a
-# RoadLine: y = c0 + c1 x + c2 x^2 / 2.
+# column as a function of the row, as np.polyfit(v, u, 2) returns it. On the road it is
+# a RoadLine: y = c0 + c1 x + c2 x^2 / 2.
 
 
 def determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
@@ -984,8 +1015,8 @@ def determines_parabola(rows: np.ndarray, min_span_px: float) -> bool:
 def fit_line(pixels: ArrayLike, *, min_span_px: float = 2) -> np.ndarray | None:
     """Line (A, B, C) of least squares through pixels (N, 2); None without one.
 
-    The pixels determine a line if they have three different rows, and `min_span_px` rows
-    between the first and the last one.
+    The pixels determine a line if they have three different rows, and `min_span_px`
+    rows between the first and the last one.
     """
     points = np.asarray(pixels, float).reshape(-1, 2)
     u, v = points.T
@@ -1016,9 +1047,9 @@ def ransac_line(
     """Line (A, B, C) through the largest consensus set; None without one.
 
     RANSAC (Fischler and Bolles 1981): each trial fits `samples` different pixels and
-    counts the inliers, those within `residual_px` columns of its line; the inliers of the
-    best trial are fitted. The same `seed` gives the same line. Three pixels determine a
-    parabola; recipe C takes 150, which are less often free of outliers.
+    counts the inliers, those within `residual_px` columns of its line; the inliers of
+    the best trial are fitted. The same `seed` gives the same line. Three pixels
+    determine a parabola; recipe C takes 150, which are less often free of outliers.
     """
     points = np.asarray(pixels, float).reshape(-1, 2)
     if not determines_parabola(points[:, 1], min_span_px):
@@ -1038,13 +1069,13 @@ def ransac_line(
     return fit_line(points[best], min_span_px=min_span_px)
 
 
-def line_points(line: ArrayLike, height: int) -> np.ndarray:
+def line_points(line: np.ndarray, height: int) -> np.ndarray:
     """Points (N, 2) of a line in every eighth row and the last one, far to near."""
     rows = np.append(np.arange(0, height - 1, 8), height - 1)
     return np.column_stack([np.polyval(line, rows), rows])
 
 
-def mean_distance_px(line: ArrayLike, other: ArrayLike, height: int) -> float:
+def mean_distance_px(line: np.ndarray, other: np.ndarray, height: int) -> float:
     """Mean absolute distance of two lines over the rows 0 to height - 1, columns."""
     rows = np.arange(height)
     distances_px = np.polyval(line, rows) - np.polyval(other, rows)
@@ -1071,7 +1102,7 @@ class RoadLine:
 
 
 def road_line(
-    line: ArrayLike, to_road: Callable[[np.ndarray], np.ndarray], height: int
+    line: np.ndarray, to_road: Callable[[np.ndarray], np.ndarray], height: int
 ) -> RoadLine | None:
     """The line on the road: points of a line of the view, mapped and fitted there.
 
@@ -1090,7 +1121,8 @@ def road_line(
 def circle_curvature_per_m(points_m: ArrayLike) -> float:
     """Curvature of the circle through three points (3, 2) of the road, far to near.
 
-    Recipe C measures its RANSAC lines so. > 0 bends left, 0 for points on a straight line.
+    Recipe C measures its RANSAC lines so. > 0 bends left, 0 for points on a straight
+    line.
     """
     far, middle, near = np.asarray(points_m, float)
     first = middle - near
@@ -1108,8 +1140,8 @@ def circle_curvature_per_m(points_m: ArrayLike) -> float:
 class Line:
     """Memory of one line, for fits (3,) of consecutive frames.
 
-    A new fit counts fully if no number of it differs by more than `accept` from the mean
-    so far. If it does, but by no more than `damp`, it is doubtful: it counts with
+    A new fit counts fully if no number of it differs by more than `accept` from the
+    mean so far. If it does, but by no more than `damp`, it is doubtful: it counts with
     `weight`, the mean with the rest. Otherwise it is refused. Doubtful, refused and
     missing fits count as missed.
     """
@@ -1129,19 +1161,18 @@ class Line:
         self.accept = np.asarray(accept, float)
         self.damp = np.asarray(damp, float)
         self.weight = weight
-        # Our restart: after more missed frames in a row the line begins again, because a
-        # wrong one must not persist. The authors have none: A and B keep their last line
-        # for ever, and the counter of C does nothing.
+        # Our restart: after more missed frames in a row the line begins again, because
+        # a wrong one must not persist. The authors have none: A and B keep their last
+        # line for ever, and the counter of C does nothing.
         self.max_missed = max_missed
-        # what a frame without a fit does to the list: "keep" it, "drop newest" fit (A), or
-        # "repeat last" fit (B)
+        # what a frame without a fit does to the list: "keep" it, "drop newest" fit (A),
+        # or "repeat last" fit (B)
         self.on_miss = on_miss
         self.near = near  # search around the "mean" so far or the "last" fit
         self.fits: list[np.ndarray] = []
         self.missed = 0  # frames in a row
-        self.state = (
-            "lost"  # "found" in this frame, "kept" from earlier ones, or "lost"
-        )
+        # "found" in this frame, "kept" from earlier ones, or "lost"
+        self.state = "lost"
 
     def mean(self) -> np.ndarray | None:
         """Mean (3,) of the last fits; None without any."""
@@ -1175,7 +1206,7 @@ class Line:
         return self.mean()
 
     def share_of(self, fit: np.ndarray) -> float:
-        """How much a new fit counts: 1, `weight` if it is doubtful, 0 if it is refused."""
+        """How much a new fit counts: 1, `weight` if doubtful, 0 if it is refused."""
         mean = self.mean()
         if mean is None:
             return 1.0
@@ -1202,7 +1233,7 @@ class Line:
         self.state = "kept" if self.fits else "lost"
 
     def fresh(self, scale_u: float = 1.0, scale_v: float = 1.0) -> Line:
-        """An empty memory with the same rules, for images scaled in columns and rows."""
+        """An empty memory with the same rules, for images scaled by two factors."""
         # units of A, B and C: px/px^2, px/px and px
         units = np.array([scale_u / scale_v**2, scale_u / scale_v, scale_u])
         return Line(
@@ -1219,8 +1250,8 @@ class Line:
 # The recipes: all numbers of the three finders, for images of 1280 x 720 pixels
 
 POSE_SUFFIX = "_pose"  # of the name of a recipe with points from the camera pose
-# The published top row is 41 m away in the course's images, and much farther for a camera
-# that looks up.
+# The published top row is 41 m away in the course's images, and much farther for a
+# camera that looks up.
 MAX_FAR_EDGE_M = 60.0
 
 
@@ -1246,18 +1277,22 @@ class Recipe:
     histogram_rows_px: tuple[int, int] = (360, 720)
     recentre_pixels: int = 50
     flood_pixels: int | None = None
-    # binaries for the left and the right line of the first frame, and of a later one
-    # before which a line is not known
+    # candidates for the left and the right line of the first frame, and of a later one
+    # if the line is not known
     first_binaries: tuple[str, str] = ("combined", "combined")
     unknown_binaries: tuple[str, str] = ("combined", "combined")
     # search both lines with windows as soon as one of them was missed
     search_together: bool = True
-    measured_fits: int | None = None  # measure the mean of so many fits in metres
+    # Measure the mean of so many fits in metres (B), else the line that is drawn. (A's
+    # author measures the present frame, and C's program the first one for ever.)
+    measured_fits: int | None = None
     min_span_px: float = 160  # two windows: a shorter line determines no curvature
 
     def four_point_warp(self) -> FourPointWarp:
         """The homography from the undistorted image to the bird's-eye view."""
-        return FourPointWarp(self.source_px, self.destination_px, self.size)
+        source_px = np.array(self.source_px)
+        destination_px = np.array(self.destination_px)
+        return FourPointWarp(source_px, destination_px, self.size)
 
     def scaled(self, size: tuple[int, int]) -> Recipe:
         """The same recipe for images resized to `size` (width, height).
@@ -1268,8 +1303,8 @@ class Recipe:
         width, height = size
         if width < 1 or height < 1:
             raise ValueError(
-                f"an image of {width}x{height} pixels is not possible; give its width and "
-                "height."
+                f"an image of {width}x{height} pixels is not possible; give its width "
+                "and height."
             )
         scale_u = width / self.size[0]
         scale_v = height / self.size[1]
@@ -1343,8 +1378,8 @@ def equalized_hsv_thresholds() -> Thresholds:
 def best_channel_thresholds() -> Thresholds:
     """Recipe C, on the undistorted image.
 
-    Its author excludes the lower end of a range of values: red is above 210. The gradients
-    include both ends.
+    Its author excludes the lower end of a range of values: red is above 210. The
+    gradients include both ends.
     """
     slanted = (0.7, 1.2)  # radians
     steep_x = Levels("gray", 100, 200, "gradient x", full_step=180)
@@ -1432,13 +1467,14 @@ def recipe_from_pose(recipe: Recipe, image_to_road: np.ndarray) -> Recipe:
     """The recipe, named "..._pose", with points that are a rectangle on the road.
 
     The published points were chosen for another camera. With these the view is a map of
-    the road with two constant scales. The edges of the rectangle are parallel to the car's
-    axis, equally far to the left and right of the camera. The near and the far one are
-    where the centre column crosses the published bottom and top row, at most 60 m ahead.
-    The width is the published one at the near edge. Points may lie outside the image.
+    the road with two constant scales. The edges of the rectangle are parallel to the
+    car's axis, equally far to the left and right of the camera. The near and the far
+    one are where the centre column crosses the published bottom and top row, at most 60
+    m ahead. The width is the published one at the near edge. Points may lie outside the
+    image.
 
-    `image_to_road` is for images of the recipe's size. Raises ValueError if the near edge
-    is not on the road.
+    `image_to_road` is for images of the recipe's size. Raises ValueError if the near
+    edge is not on the road.
     """
     source_px = np.array(recipe.source_px, float)
     u, v = source_px.T
@@ -1458,8 +1494,8 @@ def recipe_from_pose(recipe: Recipe, image_to_road: np.ndarray) -> Recipe:
     points_px = road_to_pixels(np.column_stack([x_m, y_m]), image_to_road)
     if not np.isfinite(points_px).all() or near_m >= MAX_FAR_EDGE_M:
         raise ValueError(
-            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead of "
-            "this camera; correct its height and pitch."
+            f"the bottom row of recipe {recipe.name}'s points is not on the road ahead "
+            "of this camera; correct its height and pitch."
         )
     name = recipe.name + POSE_SUFFIX
     return replace(recipe, name=name, source_px=points_px.tolist())
@@ -1482,15 +1518,14 @@ class FoundLine:
 class LaneResult:
     """The lane in one frame, with intermediate results.
 
-    Curvature > 0: the road bends left; offset > 0: the car is left of the lane centre. A
-    measurement is None if a line that it needs is missing. `state` is "found" if both
+    Curvature > 0: the road bends left; offset > 0: the car is left of the lane centre.
+    A measurement is None if a line that it needs is missing. `state` is "found" if both
     lines are measured in this frame, "kept" if one is from memory, "lost" if one is
     missing.
     """
 
-    left: (
-        np.ndarray | None
-    )  # (3,) in the bird's-eye view, from the memory if there is one
+    # (3,) in the bird's-eye view, from the memory if there is one
+    left: np.ndarray | None
     right: np.ndarray | None
     left_road: RoadLine | None
     right_road: RoadLine | None
@@ -1505,7 +1540,7 @@ class LaneResult:
 
     @property
     def lines_px(self) -> list[np.ndarray | None]:
-        """Points (N, 2) of both lines in the undistorted image, far to near, or None."""
+        """Points (N, 2) of both lines in the undistorted image, or None."""
         height = self.warp.size[1]
         lines: list[np.ndarray | None] = []
         for line in (self.left, self.right):
@@ -1540,7 +1575,7 @@ class LaneResult:
         return float(across_m / np.hypot(1, heading))
 
     def lateral_m(self, x_m: ArrayLike) -> np.ndarray | None:
-        """Lateral positions (2, N) of the lines at (N,) metres ahead; None without both."""
+        """Lateral positions (2, N) of the lines at (N,) metres ahead, or None."""
         if self.left_road is None or self.right_road is None:
             return None
         return np.array([self.left_road.lateral_m(x_m), self.right_road.lateral_m(x_m)])
@@ -1608,7 +1643,7 @@ class View:
 def nearest_line(
     candidates: Sequence[FoundLine], line_so_far: np.ndarray, height: int
 ) -> FoundLine:
-    """The candidate whose fit is closest to the line so far; of equal ones the first."""
+    """The candidate whose fit is closest to a line; of equal ones the first."""
     best = candidates[0]
     best_distance_px = np.inf
     for candidate in candidates:
@@ -1622,12 +1657,12 @@ def nearest_line(
 
 
 class LaneFinder:
-    """Finds the lane with a recipe: `find` in a still, `follow` in the frames of a drive.
+    """Finds the lane: `find` in a still, `follow` in the frames of a drive.
 
-    `lens` undistorts the images. `image_to_road`, see `road_homography`, places the lines
-    on the road; with `metres_per_px`, (metres per column, metres per row) of the view, for
-    example (3.7 / 700, 30 / 720), the two usual scales do. Raises ValueError if there is
-    neither, or the recipe is for another size than the lens.
+    `lens` undistorts the images. `image_to_road`, see `road_homography`, places the
+    lines on the road; with `metres_per_px`, (metres per column, metres per row) of the
+    view, for example (3.7 / 700, 30 / 720), the two usual scales do. Raises ValueError
+    if there is neither, or the recipe is for another size than the lens.
     """
 
     def __init__(
@@ -1640,9 +1675,9 @@ class LaneFinder:
     ) -> None:
         if recipe.size != tuple(lens.size):
             raise ValueError(
-                f"recipe {recipe.name} is for {recipe.size[0]}x{recipe.size[1]} images, "
-                f"but the lens for {lens.size[0]}x{lens.size[1]}; use get_recipe(name, "
-                "lens.size)."
+                f"recipe {recipe.name} is for images of {recipe.size[0]}x"
+                f"{recipe.size[1]} pixels, but the lens for {lens.size[0]}x"
+                f"{lens.size[1]}; use get_recipe(name, lens.size)."
             )
         self.recipe = recipe
         self.lens = lens
@@ -1657,8 +1692,8 @@ class LaneFinder:
             )
         else:
             raise ValueError(
-                "nothing can be measured on the road without a scale; give image_to_road, "
-                "or metres_per_px."
+                "nothing can be measured on the road without a scale; give "
+                "image_to_road, or metres_per_px."
             )
         self.lines = [recipe.left_line.fresh(), recipe.right_line.fresh()]
         # recipe B measures the mean of more fits, in metres
@@ -1690,13 +1725,13 @@ class LaneFinder:
         )
 
     def follow(self, image: np.ndarray) -> LaneResult:
-        """The lane in the next frame of a drive, with the memory of the frames before."""
+        """The lane in the next frame of a drive, with memory; see `find`."""
         thresholds = self.recipe.video_thresholds
         undistorted = undistort(image, self.lens)
         masks = self.threshold(undistorted, thresholds)
-        names = {*thresholds.candidates, *self.recipe.first_binaries}
-        names.update(self.recipe.unknown_binaries)
-        views = {name: self.look_from_above(name, masks) for name in names}
+        views = {}
+        for name in thresholds.candidates:
+            views[name] = self.look_from_above(name, masks)
 
         near = [line.search_near() for line in self.lines]
         if self.recipe.search_together and (near[0] is None or near[1] is None):
@@ -1762,10 +1797,9 @@ class LaneFinder:
         return road_line(line, self.to_road, self.recipe.size[1])
 
     def measure(self, side: int, fit: np.ndarray | None) -> RoadLine | None:
-        """The line that is measured: that of the memory, or a mean of fits in metres."""
-        memory = self.lines[side]
-        if self.recipe.measured_fits is None or memory.state == "lost":
-            return self.place_on_road(memory.mean())
+        """The line in metres that is measured: from the memory, or a mean of fits."""
+        if self.recipe.measured_fits is None:
+            return self.place_on_road(self.lines[side].mean())
         road = self.place_on_road(fit)
         numbers = None
         if road is not None:
@@ -1814,7 +1848,7 @@ SHIFT = 4
 
 
 def to_rgb(image: np.ndarray) -> np.ndarray:
-    """A new RGB image of an RGB or gray one, or of a binary of bool, 0 and 1 or 0 and 255."""
+    """A new RGB image of an RGB or gray one, or of a binary (bool, 0 and 1 or 255)."""
     image = np.asarray(image)
     if image.ndim == 3:
         return require_rgb(image).copy()
@@ -1887,7 +1921,7 @@ def draw_pixels(
 
 def draw_lines(
     view: np.ndarray,
-    lines: Sequence[ArrayLike | None],
+    lines: Sequence[np.ndarray | None],
     *,
     colour: Colour = RANSAC_COLOUR,
     width_px: float | None = None,
@@ -1916,9 +1950,9 @@ def draw_lane(
     """The lane on a raw or undistorted RGB image: green, its lines red and blue.
 
     The points (N, 2) of both lines go from far to near. With a `lens` the image is the
-    raw one, and the points are those of the undistorted one. If a line is None, the other
-    one is drawn, and no lane. A `line_width_px` of 0 draws no lines. Raises ValueError if
-    the image is not RGB, or not of the lens's size.
+    raw one, and the points are those of the undistorted one. If a line is None, the
+    other one is drawn, and no lane. A `line_width_px` of 0 draws no lines. Raises
+    ValueError if the image is not RGB, or not of the lens's size.
     """
     drawn = require_rgb(image).copy()
     left = finite_points(left_px)
@@ -1942,7 +1976,7 @@ def draw_lane(
 
 
 def bend_line(points_px: np.ndarray, lens: Lens) -> np.ndarray:
-    """Raw points (M, 2) of a line (N, 2), close enough to follow the bend of the lens."""
+    """Raw points (M, 2) of a line (N, 2), dense enough to follow the lens."""
     if len(points_px) < 2:
         return points_px
     steps_px = np.linalg.norm(np.diff(points_px, axis=0), axis=1)
@@ -1983,8 +2017,8 @@ def describe_bend(curvature_per_m: float | None) -> str:
     """A curvature in words: "bends right, R 640 m", "straight (R > 3 km)"."""
     if curvature_per_m is None:
         return "bend unknown"
-    # At 3 km a line leaves its tangent by 0.15 m, the width of a marking, over 30 m: on a
-    # straight road the measured radius is as large, and of either sign.
+    # At 3 km a line leaves its tangent by 0.15 m, the width of a marking, over 30 m: on
+    # a straight road the measured radius is as large, and of either sign.
     if abs(curvature_per_m) < 1 / 3000:
         return "straight (R > 3 km)"
     side = "left" if curvature_per_m > 0 else "right"
@@ -2051,8 +2085,8 @@ def open_video(path: str | Path) -> Iterator[cv2.VideoCapture]:
     try:
         if not capture.isOpened():
             raise OSError(
-                f"{path}: cannot be read as a video; it is cut off or of another format: "
-                "copy it again, or convert it to mp4."
+                f"{path}: cannot be read as a video; it is cut off or of another "
+                "format: copy it again, or convert it to mp4."
             )
         yield capture
     finally:
@@ -2070,8 +2104,9 @@ def read_video(
 ) -> Iterator[np.ndarray]:
     """Yield the frames of a video with start_s <= time < end_s, in order.
 
-    Each is an RGB image (height, width, 3), uint8, of its own, which may be changed. Raises
-    OSError if the file cannot be read, ValueError if there is no frame in that time.
+    Each is an RGB image (height, width, 3), uint8, of its own, which may be changed.
+    Raises OSError if the file cannot be read, ValueError if there is no frame in that
+    time.
     """
     for _, frame in read_numbered(path, start_s, end_s):
         yield frame
@@ -2107,8 +2142,8 @@ def read_numbered(
         raise ValueError(f"{path}: has no frame at {start_s} s; it ends before.")
     if number < min(end, announced):
         warnings.warn(
-            f"{path}: only {number} of {announced} frames can be read; it is cut off or "
-            "damaged.",
+            f"{path}: only {number} of {announced} frames can be read: it is damaged, "
+            "or was cut so that the others are hidden.",
             stacklevel=3,
         )
 
@@ -2122,16 +2157,16 @@ def process_video(
     end_s: float | None = None,
     telemetry: str | Path | None = None,
 ) -> int:
-    """Write a video of what a function makes of each frame, with the sound of the source.
+    """Write a video of what a function makes of each frame, with the source's sound.
 
-    `function` takes an RGB image and returns one, or a pair of it and a row of telemetry,
-    which goes into the CSV file `telemetry`. It is called once for each frame from
-    `start_s` to `end_s`, in order. `target` ends in .mp4 and has the source's frame rate;
-    it is written under another name and renamed when it is complete. Returns the number
-    of frames.
+    `function` takes an RGB image and returns one, or a pair of it and a row of
+    telemetry, which goes into the CSV file `telemetry`. It is called once for each
+    frame from `start_s` to `end_s`, in order. `target` ends in .mp4 and has the
+    source's frame rate; it is written under another name and renamed when it is
+    complete. Returns the number of frames.
 
-    Raises OSError if a file cannot be read or written, ValueError if the function does not
-    return an RGB image, or the target is the source.
+    Raises OSError if a file cannot be read or written, ValueError if the function does
+    not return an RGB image, or the target is the source.
     """
     target = Path(target)
     if target.suffix.lower() != ".mp4":
@@ -2242,12 +2277,13 @@ def write_rows(path: Path, rows: Sequence[Mapping[str, object]]) -> None:
     """Write rows of telemetry as CSV, empty where there is no value."""
     path.parent.mkdir(parents=True, exist_ok=True)
     names = dict.fromkeys(name for row in rows for name in row)
+    text = io.StringIO()
+    table = csv.DictWriter(text, fieldnames=list(names), lineterminator="\n")
+    table.writeheader()
+    for row in rows:
+        table.writerow({name: csv_field(row.get(name)) for name in names})
     with complete_file(path) as partial_table:
-        with open(partial_table, "w", encoding="utf-8", newline="") as file:
-            table = csv.DictWriter(file, fieldnames=list(names))
-            table.writeheader()
-            for row in rows:
-                table.writerow({name: csv_field(row.get(name)) for name in names})
+        partial_table.write_text(text.getvalue(), encoding="utf-8", newline="")
 
 
 def csv_field(value: object) -> object:

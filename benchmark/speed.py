@@ -23,8 +23,8 @@ import av
 import cv2
 import numpy as np
 
-from benchmark.systems import TRACKER
-from helpers import RECIPES, LaneFinder, follow_lane, get_recipe
+from benchmark.systems import TRACKER, start_recipe
+from helpers import RECIPES, follow_lane
 from lanes.camera import Camera, load_camera
 from lanes.describe import format_table
 from lanes.draw import track_lane
@@ -84,7 +84,7 @@ def all_systems(camera: Camera) -> dict[str, Callable[[], Process]]:
     return {
         TRACKING: lambda: track_lane(LaneTracker(camera)),
         COLD: lambda: _start_cold(camera),
-        **{name: partial(_start_recipe, name, camera) for name in RECIPES},
+        **{name: partial(_draw_recipe, name, camera) for name in RECIPES},
     }
 
 
@@ -115,8 +115,8 @@ def _start_cold(camera: Camera) -> Process:
     return forget_and_draw
 
 
-def _start_recipe(name: str, camera: Camera) -> Process:
-    return follow_lane(LaneFinder(get_recipe(name, camera.size), camera), camera)
+def _draw_recipe(name: str, camera: Camera) -> Process:
+    return follow_lane(start_recipe(name, camera))
 
 
 def _time_round(process: Process, frames: Sequence[np.ndarray], camera: Camera) -> np.ndarray:

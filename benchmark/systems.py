@@ -18,9 +18,18 @@ from pathlib import Path
 import numpy as np
 
 from benchmark.estimates import AHEAD_M, ALONG_M, LaneEstimate, road_points
-from helpers import POSE_SUFFIX, RECIPES, LaneFinder, LaneResult, get_recipe, recipe_from_pose
+from helpers import (
+    POSE_SUFFIX,
+    RECIPES,
+    LaneFinder,
+    LaneResult,
+    Lens,
+    get_recipe,
+    recipe_from_pose,
+    road_homography,
+)
 from lanes import camera, detect, tracking
-from lanes.camera import Camera
+from lanes.camera import Camera, undistort
 from lanes.detect.lane import Lane, columns_at
 from lanes.detect.markings import Markings
 from lanes.detect.road import CENTRE, CURVATURE, HEADING, SIDES, WIDTH, line_points
@@ -78,8 +87,8 @@ def start_system(
         return lambda image, elapsed_s=None: tracker.update(image, elapsed_s=elapsed_s), lane_estimate
     if system == DETECTOR:
         return lambda image, _=None: find_lane(image, camera, markings=markings), lane_estimate
-    finder = _start_recipe(system, camera)
-    return lambda image, _=None: finder.follow(image), recipe_estimate
+    finder = start_recipe(system, camera)
+    return lambda image, _=None: finder.follow(recipe_image(image, camera)), recipe_estimate
 
 
 def column_detector(system: str, camera: Camera) -> ColumnDetector:
@@ -92,13 +101,33 @@ def column_detector(system: str, camera: Camera) -> ColumnDetector:
     if is_own_finder(system):
         find = load_finder(system)
         return lambda image, rows: _own_columns(find(image, camera), camera, rows)
-    finder = _start_recipe(system, camera)
-    return lambda image, rows: recipe_columns(finder.find(image), camera, rows)
+    finder = start_recipe(system, camera)
+    return lambda image, rows: recipe_columns(finder.find(recipe_image(image, camera)), camera, rows)
 
 
-def _start_recipe(system: str, camera: Camera) -> LaneFinder:
+def start_recipe(system: str, camera: Camera) -> LaneFinder:
+    """The finder of a recipe for the images of `recipe_image`; raises CameraError without a pose."""
+    distortion = camera.distortion
+    if camera.is_fisheye:
+        distortion = np.zeros(5)
+    lens = Lens(camera.matrix, distortion, camera.size)
+    pose = camera.require_pose()
+    image_to_road = road_homography(
+        lens,
+        height_m=pose.height_m,
+        pitch_rad=pose.pitch_rad,
+        yaw_rad=pose.yaw_rad,
+        roll_rad=pose.roll_rad,
+    )
     recipe = get_recipe(system.removesuffix(POSE_SUFFIX), camera.size)
-    return LaneFinder(recipe_from_pose(recipe, camera) if system.endswith(POSE_SUFFIX) else recipe, camera)
+    if system.endswith(POSE_SUFFIX):
+        recipe = recipe_from_pose(recipe, image_to_road)
+    return LaneFinder(recipe, lens, image_to_road)
+
+
+def recipe_image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """The image for a recipe: undistorted if the lens is a fisheye lens, which helpers.py does not know."""
+    return undistort(image, camera) if camera.is_fisheye else image
 
 
 def require_system(name: str) -> None:

@@ -16,12 +16,16 @@ from course.measures import check as check
 from course.measures import check_error as check_error
 from course.measures import lane_widths_px as lane_widths_px
 from course.measures import score_finders as score_finders
+from course.plots import draw_directions as draw_directions
 from course.plots import plot_bars as plot_bars
 from course.plots import plot_series as plot_series
 from course.plots import road_axes as road_axes
 from course.plots import show_birdseye as show_birdseye
 from course.plots import show_pictures as show_pictures
+from course.plots import show_progress as show_progress
 from course.plots import show_table as show_table
+from course.search_plots import plot_histogram as plot_histogram
+from course.search_plots import show_search as show_search
 from course.sliders import tune_threshold as tune_threshold
 from course.videos import show_video as show_video
 from lanes.describe import format_table as format_table

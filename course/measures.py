@@ -1,8 +1,9 @@
 """Results of the course against the truth: lateral errors of lanes, and accuracy.
 
-Truth is a frame of truth.json (see course.dataset): points of both lines in the road frame, metres. Stills are with
-truth (the embedded ones), with hand-made labels (`labels.jsonl`), or with neither; the table of the accuracy of several
-methods shows the strongest comparison that the data allow.
+Truth is a frame of truth.json (see course.dataset): points of both lines in the road
+frame, metres. Stills are with truth (the embedded ones), with hand-made labels
+(`labels.jsonl`), or with neither; the table of the accuracy of several methods shows
+the strongest comparison that the data allow.
 """
 
 from __future__ import annotations
@@ -28,7 +29,10 @@ class HasLines(Protocol):
     """A result with two lane lines."""
 
     def lateral_m(self, x_m: np.ndarray) -> np.ndarray | None:
-        """Lateral positions (2, N) of the left and right line at distances (N,), metres; None without both lines."""
+        """Lateral positions (2, N) of left and right line at distances (N,), metres.
+
+        None without both lines.
+        """
 
 
 def lane_widths_px(
@@ -46,7 +50,7 @@ def lane_widths_px(
     image_to_road : ndarray of shape (3, 3)
         Homography of `helpers.road_homography`.
     lines_m : array_like of shape (2, 2)
-        Lateral position at the car, metres, and heading, of the left and the right line.
+        Lateral position at the car, metres, and heading, of the left and right line.
     x_m : array_like of shape (N,)
         Distances ahead, metres.
     """
@@ -80,9 +84,9 @@ def check(
 ) -> str:
     """Compare a number with the truth, which is None if unknown, as for real images.
 
-    Returns "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)", with `digits`
-    decimals. Raises AssertionError if the difference to a known truth is larger than
-    `within`, in `unit`.
+    Returns "offset: 0.12 m, truth 0.10 m, off by 0.02 m (allowed 0.05 m)", with
+    `digits` decimals. Raises AssertionError if the difference to a known truth is
+    larger than `within`, in `unit`.
     """
     number = f"{name}: {measured:.{digits}f} {unit}"
     if truth is None:
@@ -116,8 +120,8 @@ def require_below(
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
-# Distances at which a line is projected into the image: even steps in 1 / x are even steps
-# in rows.
+# Distances at which a line is projected into the image: even steps in 1 / x are even
+# steps in rows.
 PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200, 400)
 # Videos: the tracker has a memory; it gets more frames than a finder without one.
 EVERY = 10
@@ -148,9 +152,9 @@ def accuracy_table(
 ) -> str:
     """A table of the results of each method on each still.
 
-    With truth a cell is the largest lateral error, or "lost". With hand-made labels it is
-    the share of labelled points within TuSimple's tolerance, 20 px / cos of the angle of
-    the line. With neither, one line says how far the methods differ.
+    With truth a cell is the largest lateral error, or "lost". With hand-made labels it
+    is the share of labelled points within TuSimple's tolerance, 20 px / cos of the
+    angle of the line. With neither, one line says how far the methods differ.
 
     Parameters
     ----------
@@ -184,7 +188,7 @@ def accuracy_table(
 def label_accuracy(
     result: HasLines | None, label: LaneColumns, lens: Lens, image_to_road: np.ndarray
 ) -> float:
-    """Share of the labelled points that a result meets within 20 px / cos; 0 without one."""
+    """Share of the labelled points that a result meets within 20 px / cos."""
     columns = np.full((2, len(label.rows)), -2.0)
     lateral_m = None if result is None else result.lateral_m(PROJECTED_AT_M)
     if lateral_m is not None:
@@ -208,7 +212,7 @@ def columns_of_line(
     if not len(seen_px):
         return np.full(len(rows), -2.0)
 
-    # a line goes up in the image with the distance; beyond a crest of it, it is not seen
+    # a line goes up in the image with the distance, as far as it is seen
     highest = int(seen_px[:, 1].argmin())
     u, v = seen_px[: highest + 1][::-1].T
     columns = np.interp(rows, v, u, left=-2, right=-2)
@@ -230,8 +234,9 @@ def describe_differences(found: Found) -> str:
     if not gaps_m:
         return "no truth, no labels, and no still on which two methods found a lane"
     return (
-        f"no truth and no labels: the methods differ by {np.median(gaps_m):.2f} m (median "
-        f"of {len(gaps_m)} stills), at most {max(gaps_m):.2f} m, 5 to 30 m ahead"
+        f"no truth and no labels: the methods differ by {np.median(gaps_m):.2f} m "
+        f"(median of {len(gaps_m)} stills), at most {max(gaps_m):.2f} m, 5 to 30 m "
+        "ahead"
     )
 
 
@@ -245,13 +250,13 @@ def score_finders(
     Parameters
     ----------
     finders : mapping of str to (callable or str)
-        A function takes a raw RGB image and the camera with its pose. It returns the left
-        and the right line in metres as `np.polyfit` does (y = np.polyval(line, x)), or
-        None where it finds no lane. Or a system of the benchmark by its name, for example
-        "tracker".
+        A function takes a raw RGB image and the camera with its pose. It returns the
+        left and the right line in metres as `np.polyfit` does (y = np.polyval(line,
+        x)), or None where it finds no lane. Or a system of the benchmark by its name,
+        for example "tracker".
     every : int
-        Only each `every`-th frame is scored, of the tracker each second one; a finder with
-        a memory needs all of them.
+        Only each `every`-th frame is scored, of the tracker each second one; a finder
+        with a memory needs all of them.
     """
     systems = {}
     for name, finder in finders.items():

@@ -100,10 +100,13 @@ def make_slider(
 
 def encode_pair(image: np.ndarray, made: np.ndarray) -> bytes:
     """A PNG of an image and what was made of it, side by side."""
-    size = image.shape[1::-1]
-    made = cv2.resize(made, size, interpolation=cv2.INTER_AREA)
-    both = np.hstack([to_rgb(image), to_rgb(made)])
-    scale = SHOWN_PX / both.shape[1]
-    small = cv2.resize(both, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    height, width = image.shape[:2]
+    shown_width = SHOWN_PX // 2
+    shown_size = (shown_width, round(shown_width * height / width))
+    pair = []
+    for one in (image, made):
+        rgb = to_rgb(one)
+        pair.append(cv2.resize(rgb, shown_size, interpolation=cv2.INTER_AREA))
+    small = np.hstack(pair)
     _, png = cv2.imencode(".png", cv2.cvtColor(small, cv2.COLOR_RGB2BGR))
     return png.tobytes()

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from helpers import RECIPES, colour_channel, draw_lane_between
 from lanes.camera import undistort
 from lanes.chessboard import Board, draw_board, find_board
 from lanes.detect.birdseye import BirdsEyeView
@@ -134,13 +133,11 @@ def tracked(image: np.ndarray, _: Path) -> np.ndarray:
     return draw_lane(image, found, SMALL)
 
 
-LINE_PX = np.array([[60.0, 20.0], [20.0, 80.0]])
 # Functions that take an image of the camera's size and a folder.
 TAKE_IMAGES = {
     "require_rgb": lambda image, _: require_rgb(image),
     "write_image": written,
     "VideoWriter": encoded,
-    "draw_lane_between": lambda image, _: draw_lane_between(image, LINE_PX, LINE_PX + 50),
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),
     "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
@@ -148,8 +145,6 @@ TAKE_IMAGES = {
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
     "LaneTracker and draw_lane": tracked,
     "explain": lambda image, _: explain(image, SMALL).image,
-    "channel": lambda image, _: colour_channel(image, "HLS S"),
-    "recipe A": lambda image, _: RECIPES["hls_sobel"].thresholds.masks(image)["combined"],
 }
 AS_PEOPLE_HAVE_THEM = {
     "read-only": np.copy,

@@ -105,6 +105,8 @@ def rate_paint(
     on_left = np.abs(y - left_y) <= TOLERANCE_M
     on_right = np.abs(y - right_y) <= TOLERANCE_M
     on_any = on_left | on_right
+    counted = int(np.count_nonzero(counts))
+    hits = int(np.count_nonzero(counts & on_any))
     left_covered = covered_steps(x[on_left])
     right_covered = covered_steps(x[on_right])
 
@@ -116,7 +118,7 @@ def rate_paint(
         for step in np.flatnonzero(~covered):
             missed_px.append(line_px[step : step + 2])
     return PaintRating(
-        precision=np.count_nonzero(counts & on_any) / max(np.count_nonzero(counts), 1),
+        precision=hits / max(counted, 1),
         left_recall=float(left_covered.mean()),
         right_recall=float(right_covered.mean()),
         on_line=mask_of(pixels[counts & on_any], mask.shape),
@@ -347,7 +349,7 @@ def require_width(
     columns = float(right - left)
     accepted_px = [columns]
     for choose in (np.min, np.mean, np.max):
-        accepted_px.append(choose(highest_right) - choose(highest_left))
+        accepted_px.append(float(choose(highest_right) - choose(highest_left)))
     accepted_m = across_m * np.array(accepted_px)
     nearest_m = accepted_m[np.abs(accepted_m - width_m).argmin()]
 

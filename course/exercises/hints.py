@@ -29,12 +29,14 @@ def tried(answer: Answer | None) -> Answer:
 
 
 def require_shape(answer: Any, shape: tuple[int, ...], what: str) -> Any:
-    """The answer as an array of this shape, or as a number if that is (); `what` is the
-    sentence for another shape.
+    """The answer as an array of this shape, or as a number if that is ().
+
+    `what` is the sentence for another shape, and for text instead of numbers.
     """
-    require(
-        np.shape(answer) == shape, f"{what}; yours has the shape {np.shape(answer)}."
-    )
+    has_shape = np.shape(answer) == shape
+    require(has_shape, f"{what}; yours has the shape {np.shape(answer)}.")
+    is_text = np.asarray(answer).dtype.kind in "SU"
+    require(not is_text, f"{what}; yours is text: remove the quotes.")
     return np.asarray(answer, float)[()]
 
 
@@ -54,10 +56,8 @@ def require_equal(
     after the words `said`.
     """
     for sentence, numbers in {"": true, **mistakes}.items():
-        if (
-            np.shape(found) == np.shape(numbers)
-            and np.isclose(found, numbers, rtol, atol).all()
-        ):
+        same_shape = np.shape(found) == np.shape(numbers)
+        if same_shape and np.isclose(found, numbers, rtol, atol).all():
             require(not sentence, said + sentence)
             return
     raise HintError(said + otherwise)

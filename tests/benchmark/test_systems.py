@@ -21,6 +21,7 @@ from lanes.files import read_telemetry
 from simulator.road.truth import truth_row
 from tests.support.classic_lane import lane_result
 from tests.support.painted_drive import BENDS, SMALL, lane_lines
+from tests.support.painted_roads import LaneRoad, paint_lane
 
 DRIVE = replace(BENDS, lines=lane_lines(right={"dash_m": None}))
 BLACK = np.zeros((360, 640, 3), np.uint8)
@@ -61,6 +62,20 @@ def test_stills_give_columns_of_the_raw_picture(system):
     # no line below and above the picture, and none in a black picture
     assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200])) == -2).all()
     assert (column_detector(system, SMALL)(BLACK, ROWS) == -2).all()
+
+
+@pytest.mark.parametrize("system", ["hls_sobel", "hls_sobel_pose"])
+def test_a_recipe_sees_the_road_through_a_fisheye_lens(system):
+    """Which helpers.py does not know: it gets the undistorted image."""
+    pose = CameraPose(1.2, pitch_rad=-0.026)
+    fisheye = Camera.from_fov((1280, 720), 75, pose, lens="equidistant")
+    pinhole = Camera(1280, 720, fisheye.matrix, np.zeros(5), pose)
+    road = LaneRoad(curvature_per_m=1 / 500, offset_m=0.3)
+    seen = estimator(system, fisheye)(paint_lane(road, fisheye))
+    expected = estimator(system, pinhole)(paint_lane(road, pinhole))
+    assert expected["offset_m"] == pytest.approx(0.3, abs=0.05)
+    at_10_m = np.s_[:, ALONG_M == 10]
+    np.testing.assert_allclose(seen["lines_m"][at_10_m], expected["lines_m"][at_10_m], atol=0.05)
 
 
 def test_stated_uncertainties_are_those_of_the_lane():

@@ -47,37 +47,81 @@ def test_videos_are_found_in_test_videos_or_in_the_data_folder(folder):
     assert data.video("project_video.mp4").parent.name == "test_videos"
 
 
-def test_truth_is_found_by_the_name_else_none(folder):
+def write_truth(folder, truth):
+    (folder / "test_images" / "truth.json").write_text(json.dumps(truth))
+
+
+def test_without_truth_files_the_truth_is_none(folder):
     (folder / "clip.mp4").write_bytes(b"x")
     data = open_dataset(folder)
-    assert data.true_camera() is data.true_lane(data.still("test2")) is data.true_drive(data.video("clip.mp4")) is None
-    frames = [{"raw_file": "test_images/test2.jpg", "offset_m": 0.25}]
-    (folder / "test_images" / "truth.json").write_text(json.dumps({"camera": {}, "frames": frames}))
+    assert data.true_camera() is None
+    assert data.true_lane(data.still("test2")) is None
+    assert data.true_drive(data.video("clip.mp4")) is None
+
+
+def test_the_truth_of_a_still_is_found_by_its_name(folder):
+    frame = {"raw_file": "test_images/test2.jpg", "offset_m": 0.25}
+    write_truth(folder, {"camera": {}, "frames": [frame]})
     data = open_dataset(folder)
     assert data.true_lane(data.still("test2"))["offset_m"] == 0.25
     assert data.true_lane(data.still("test10")) is None
+
+
+def test_the_truth_of_a_video_is_the_table_beside_it(folder):
+    (folder / "clip.mp4").write_bytes(b"x")
     (folder / "clip.csv").write_text("frame,offset_m\n0,0.5\n1,-0.5\n")
-    assert data.true_drive(data.video("clip.mp4"))["offset_m"].tolist() == [0.5, -0.5]
+    data = open_dataset(folder)
+    drive = data.true_drive(data.video("clip.mp4"))
+    assert drive["offset_m"].tolist() == [0.5, -0.5]
 
 
-@pytest.mark.parametrize("text", ["", "{", "[]", '{"camera": 3, "frames": [{}]}', "[" * 99_999])
+@pytest.mark.parametrize(
+    "text", ["", "{", "[]", '{"camera": 3, "frames": [{}]}', "[" * 99_999]
+)
 def test_a_damaged_truth_file_is_named(folder, text):
     (folder / "test_images" / "truth.json").write_text(text)
     data = open_dataset(folder)
-    for ask in (data.true_camera, lambda: data.true_lane(data.still("test2"))):
-        with pytest.raises(DatasetError, match=r"truth\.json: is not a truth file of pictures"):
-            ask()
+    sentence = r"truth\.json: is not a truth file of images"
+    with pytest.raises(DatasetError, match=sentence):
+        data.true_camera()
+    with pytest.raises(DatasetError, match=sentence):
+        data.true_lane(data.still("test2"))
 
 
-def test_line_columns_come_from_the_truth_else_from_the_labels(folder):
-    data = open_dataset(folder)
-    still = data.still("test2")
-    assert data.line_columns(still) is None
-    write_image(still, np.zeros((720, 1280, 3), np.uint8))
-    label = {"raw_file": "test_images/test2.jpg", "h_samples": [500, 510], "lanes": [[100, 90], [600, 610]]}
+@pytest.fixture
+def labelled(folder):
+    """A folder with labels of test2, which is a real image."""
+    image = np.zeros((720, 1280, 3), np.uint8)
+    write_image(folder / "test_images" / "test2.jpg", image)
+    label = {
+        "raw_file": "test_images/test2.jpg",
+        "h_samples": [500, 510],
+        "lanes": [[100, 90], [600, 610]],
+    }
     (folder / "labels.jsonl").write_text(json.dumps(label) + "\n")
-    assert data.line_columns(still).columns.tolist() == [[100, 90], [600, 610]]
-    true = {"raw_file": "test_images/test2.jpg", "h_samples": [500], "lanes": [[101], [601]]}
-    (folder / "test_images" / "truth.json").write_text(json.dumps({"frames": [true]}))
-    columns = data.line_columns(still)
-    assert (columns.rows.tolist(), columns.columns.tolist()) == ([500], [[101], [601]])
+    return folder
+
+
+def test_without_truth_and_labels_the_columns_are_none(folder):
+    data = open_dataset(folder)
+    assert data.line_columns(data.still("test2")) is None
+
+
+def test_without_truth_the_columns_are_those_of_the_labels(labelled):
+    data = open_dataset(labelled)
+    columns = data.line_columns(data.still("test2"))
+    assert columns.rows.tolist() == [500, 510]
+    assert columns.columns.tolist() == [[100, 90], [600, 610]]
+
+
+def test_with_truth_the_columns_are_the_true_ones(labelled):
+    frame = {
+        "raw_file": "test_images/test2.jpg",
+        "h_samples": [500],
+        "lanes": [[101], [601]],
+    }
+    write_truth(labelled, {"frames": [frame]})
+    data = open_dataset(labelled)
+    columns = data.line_columns(data.still("test2"))
+    assert columns.rows.tolist() == [500]
+    assert columns.columns.tolist() == [[101], [601]]

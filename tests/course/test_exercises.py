@@ -128,18 +128,28 @@ def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, reject
 
 
 IMAGE = np.full((720, 1280, 3), 60, np.uint8)
-# By how much each covered square moves the two lines; one square above, and one without which the lane is lost.
-WEIGHTS_M = np.random.default_rng(0).normal(0, 0.2, (2, *chapters_13_16.SHAPE)) * [[[0], [1], [1], [1], [1]]]
+# By how much each covered cell of 80 x 80 pixels moves the two lines, metres. Those of
+# the first row move nothing: they lie above the road.
+CELLS = (5, 16)
+WEIGHTS_M = np.random.default_rng(0).normal(0, 0.1, (2, *CELLS))
+WEIGHTS_M[:, 0] = 0
+# Without this cell the lane is lost.
 LOST = (4, 9)
 
 
 def find_occluded(image, camera=CAMERA):
     """A detector whose lines move where the image is covered."""
-    covered = (image[320:, ..., 0].reshape(5, 80, 16, 80).mean(axis=(1, 3)) - 60) / 68
-    if covered[LOST]:
+    cells = image[320:, ..., 0].reshape(5, 80, 16, 80)
+    covered = (cells.mean(axis=(1, 3)) - 60) / 68
+    if covered[LOST] > 0.5:
         return None
     moved_m = (WEIGHTS_M * covered).sum(axis=(1, 2))
-    return SimpleNamespace(lateral_m=lambda x_m: np.array([[1.8], [-1.8]]) + moved_m[:, None] * x_m / 20)
+    start_m = np.array([1.8, -1.8])
+
+    def lateral_m(x_m):
+        return start_m[:, None] + moved_m[:, None] * x_m / 20
+
+    return SimpleNamespace(lateral_m=lateral_m)
 
 
 def worst(moved_m: np.ndarray) -> float:
@@ -175,7 +185,7 @@ def test_covering_the_given_image_itself_is_named(monkeypatch):
     monkeypatch.setattr(chapters_13_16, "draw_lane", lambda image, *_, **__: image)
 
     def cover(image, camera):
-        image[320:400, :80] = 128
+        image[320:480, :160] = 128
         return np.ones(chapters_13_16.SHAPE)
 
     with pytest.raises(HintError, match="you cover the image itself"):

@@ -42,13 +42,28 @@ def test_a_straight_lane_has_its_width_in_columns_at_every_distance_of_a_map():
     assert widths_px == pytest.approx([700, 700, 700], abs=0.01)
 
 
-def test_checks_name_value_truth_and_limit_and_fail_beyond_it():
-    assert check("h", 1.32, 1.3, "m", within=0.05) == "h: 1.32 m, truth 1.30 m, off by 0.02 m (allowed 0.05 m)"
-    assert check("height", 1.32, None, "m", within=0.05) == "height: 1.32 m (no truth known for these pictures)"
-    assert check_error("paint", 0.14, "px", within=1) == "paint: error 0.1 px (allowed 1 px)"
+def test_a_check_names_value_truth_and_limit():
+    text = check("h", 1.32, 1.3, "m", within=0.05)
+    assert text == "h: 1.32 m, truth 1.30 m, off by 0.02 m (allowed 0.05 m)"
+
+
+def test_a_check_of_an_error_names_it_and_the_limit():
+    text = check_error("paint", 0.14, "px", within=1)
+    assert text == "paint: error 0.1 px (allowed 1 px)"
+
+
+def test_without_truth_a_check_says_so():
+    text = check("height", 1.32, None, "m", within=0.05)
+    assert text == "height: 1.32 m (no truth known for these pictures)"
     assert "not known" in check_error("paint", None, "px", within=1)
-    for fails in (lambda: check("h", 1.4, 1.3, "m", within=0.05), lambda: check_error("p", 1.2, "px", within=1)):
-        with pytest.raises(AssertionError, match="allowed"):
-            fails()
-    with pytest.raises(AssertionError):
-        check_error("paint", float("nan"), "px", within=1)
+
+
+@pytest.mark.parametrize("error", [1.2, float("nan")])
+def test_an_error_beyond_the_limit_fails(error):
+    with pytest.raises(AssertionError, match="allowed 1 px"):
+        check_error("paint", error, "px", within=1)
+
+
+def test_a_number_too_far_from_the_truth_fails():
+    with pytest.raises(AssertionError, match="off by 0.10 m"):
+        check("h", 1.4, 1.3, "m", within=0.05)

@@ -1,4 +1,4 @@
-"""Sliders of the notebook: the image follows them; without ipywidgets a message says how to install it."""
+"""Sliders of the notebook: the image follows them; a message without ipywidgets."""
 
 from __future__ import annotations
 

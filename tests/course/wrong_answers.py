@@ -8,13 +8,23 @@ from __future__ import annotations
 
 WrongAnswer = tuple[str, *tuple[str | tuple[str, str], ...]]
 
-DIVISION = "(x_d - tangential_x) / radial, (y_d - tangential_y) / radial"
+RETURNED = "return f_x * x + c_x, f_y * y + c_y"
 MASK = "def paint_mask(above):\n    hls = cv2.cvtColor(above, cv2.COLOR_RGB2HLS)\n    return "
 WIDTH = "(right - left) * pose_across_m"
 STEP_IN_GAP = "\n        column += step", "\n            column += step"
-ENDS = "ends_m = np.array([[7, np.polyval(left_road, 7)], [7, np.polyval(right_road, 7)]]); bar_px = "
 WIDTHS = "np.all(np.abs(widths_m - 3.7) < 0.6)"
+PARALLEL = "\n        and abs(left_curvature - right_curvature) < 0.002"
+SHARPEST = "\n        and max(abs(left_curvature), abs(right_curvature)) < 1 / 300"
 HALF = "np.where(left, width_m / 2, -width_m / 2)"
+GATE = """\
+def correct_gated(state, P, z, R, H):
+    innovation = z - H @ state
+    S = H @ P @ H.T + R
+    if innovation @ np.linalg.solve(S, innovation) > 11.3:
+        return state, P
+    K = P @ H.T @ np.linalg.inv(S)
+    return state + K @ innovation, P - K @ H @ P
+"""
 GRADIENT = "cells.T @ too_large / len(cells), too_large.mean()"
 
 WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
@@ -22,17 +32,38 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("is a mean of the distances", (".max()", ".mean()")),
         ("is rounded", (".max()", ".max().round()")),
         ("one number is needed", (".max()", "")),
+        ("is negative", ("best_ruler_px = ", "best_ruler_px = -")),
+        ("is text", 'best_ruler_px = "11.7"'),
     ],
     "2.1": [
-        ("OpenCV's tutorial", ("np.sqrt(np.mean(distances_px**2))", "np.linalg.norm(distances_px) / 54")),
-        ("Each board has its own", "board_errors_px = [lens_rms_px] * len(image_points)"),
-        ("root of the mean of the squared", ("np.sqrt(np.mean(distances_px**2))", "distances_px.mean()")),
+        (
+            "OpenCV's tutorial",
+            ("np.sqrt(np.mean(distances_px**2))", "np.linalg.norm(distances_px) / 54"),
+        ),
+        (
+            "Each board has its own",
+            "board_errors_px = [rms_px] * len(seen_corners)",
+        ),
+        (
+            "root of the mean of the squared",
+            ("np.sqrt(np.mean(distances_px**2))", "distances_px.mean()"),
+        ),
+        (
+            "is text",
+            ("np.sqrt(np.mean(distances_px**2))", "str(distances_px.mean())"),
+        ),
+        ("one for each board", 'board_errors_px = "0.1"'),
     ],
     "3.1": [
         ("Repeat until it no longer moves", ("range(20)", "range(3)")),
         ("p1 and p2 are exchanged", ("k1, k2, p1, p2, k3", "k1, k2, p2, p1, k3")),
-        ("the wrong way", (DIVISION, DIVISION.replace("/", "*"))),
-        ("the principal point must stay", ("return f_x * x + c_x, f_y * y + c_y", "return x, y")),
+        (
+            "the wrong way",
+            ("(x_d - tangential_x) / radial", "(x_d - tangential_x) * radial"),
+            ("(y_d - tangential_y) / radial", "(y_d - tangential_y) * radial"),
+        ),
+        ("the principal point must stay", (RETURNED, "return x, y")),
+        ("is not a number", (RETURNED, "return np.sqrt(-r2 - 1), np.nan")),
     ],
     "4.1": [
         ("becomes narrower with the distance", "my_source_px = source_px"),
@@ -46,7 +77,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("Of the solid yellow line", ("cv2.inRange(yellow, 12, 255) | ", "")),
         (
             "not what paint looks like",
-            ("def paint_mask(above):\n", "def paint_mask(above):\n    above = spots_above\n"),
+            ("def paint_mask(above):\n", "def paint_mask(above):\n    above = shade_above\n"),
         ),
     ],
     "6.1": [
@@ -63,21 +94,40 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("not 0.4 to the power of 3", "ransac_choice = 3, 105"),
         ("not the smallest number", "ransac_choice = 3, 30"),
         ("at least one of 5 samples", "ransac_choice = 3, 5"),
+        ("two whole numbers", "ransac_choice = 3, 28.5"),
+        ("do not determine a parabola", "ransac_choice = 2, 20"),
     ],
     "8.1": [
-        ("forgot the lens", ENDS + "camera.undistort_points(camera.road_to_pixels(ends_m))"),
-        ("the right end is 9 px off", ENDS + "camera.road_to_pixels(ends_m) + [[0, 0], [9, 0]]"),
+        ("forgot the lens", ("bar_px = through_lens(bar_flat_px)", "bar_px = bar_flat_px")),
+        (
+            "through the lens backwards",
+            ("through_lens(bar_flat_px)", "helpers.undistort_points(bar_flat_px, lens)"),
+        ),
+        ("left and right are exchanged", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[::-1]")),
+        ("(row, column)", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[:, ::-1]")),
+        ("the right end is 9 px off", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px) + [[0, 0], [9, 0]]")),
     ],
     "8.2": [
         ("refuses the lane of chapter 7", ("widths_m - 3.7) < 0.6", "widths_m - 3.2) < 0.1")),
+        ("the same line twice", "is_plausible = lambda left, right: True"),
         ("left line is on the right", (WIDTHS, "np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6)")),
+        ("not parallel", (WIDTHS, "abs(widths_m[0] - 3.7) < 0.6"), (PARALLEL, "")),
+        ("50 m radius", (SHARPEST, "")),
+        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.6) < 0.1"), ("< 0.002", "< 0.00035")),
         (
             "believe",
             (WIDTHS, "np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1"),
-            ("abs(curvatures[0] - curvatures[1]) < 0.002", "True"),
+            (PARALLEL, ""),
             ("1 / 300", "0.01"),
         ),
-        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.62) < 0.05")),
+    ],
+    "8.3": [
+        ("there is no photo yet", "my_points_px = pose_warp.source_px"),
+        ("no file", ('DATA.still("straight_lines1")', '"no_road.jpg"')),
+        ("an array of shape (4, 2)", ("source_px", "source_px[:2]")),
+        ("must be higher in the image", ("source_px", "source_px[:, ::-1]")),
+        ("left and right are exchanged", ("source_px", "source_px[[1, 0, 3, 2]]")),
+        ("Move the far points together", ("pose_warp", 'warps["hls_sobel"]')),
     ],
     "9.1": [
         ("in radians", ("np.degrees", "")),
@@ -89,7 +139,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
             ("np.maximum(np.roll(road, reach), np.roll(road, -reach))", "np.roll(road, reach)"),
         ),
         ("take no absolute value", ("return (centre", "return np.abs(centre")),
-        ("divide by 1 + n", (" / noise", "")),
+        ("divide by 1 + n", (" / (1 + noise)", "")),
         ("Check gap", ("width // 2 + 3", "width // 2 + 2")),
     ],
     "11.1": [
@@ -106,11 +156,11 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("too sure", "q_factor = 0.01"),
     ],
     "12.2": [
-        ("H is not square", ("H @ P @ H.T + R", "H @ P @ H + R")),
-        ("P is not updated", ("P - K @ H @ P", "P")),
-        ("not its root", ("> 11.3", "> 11.3**2")),
-        ("the diagonal of S", ("solve(S, innovation)", "solve(np.diag(np.diag(S)), innovation)")),
-        ("None is returned", ("return state, P\n", "return None\n")),
+        ("H is not square", GATE.replace("H.T + R", "H + R")),
+        ("P is not updated", GATE.replace("P - K @ H @ P", "P")),
+        ("not its root", GATE.replace("> 11.3", "> 11.3**2")),
+        ("the diagonal of S", GATE.replace("solve(S", "solve(np.diag(np.diag(S))")),
+        ("None is returned", GATE.replace("return state, P\n", "return None\n")),
     ],
     "13.1": [
         ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((15, 4))"),
@@ -118,8 +168,8 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
     ],
     "14.1": [
         ("the other way round", ("-confidence", "confidence")),
-        ("first falls below", ("enough[-1] + 1", "np.flatnonzero(share < least)[0]")),
-        ("return 0, not 1.0", ("else 0", "else 1.0")),
+        ("first falls below", ("count[enough[-1]]", "np.flatnonzero(share < least)[0]")),
+        ("return 0, not 1.0", ("return 0", "return 1.0")),
     ],
     "15.1": [
         ("find_lane is the engine", "honest_finder = lambda image, camera: lanes.find_lane(image, camera)"),
