@@ -14,6 +14,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import pairwise
+from pathlib import Path
 
 import nbformat
 import pytest
@@ -52,6 +53,14 @@ class ReaderItem(pytest.Item):
 
     def runtest(self) -> None:
         self.check(self.run)
+
+    def repr_failure(self, excinfo: pytest.ExceptionInfo) -> str:
+        """The answer of the check, without the stack of pytest."""
+        return str(excinfo.value)
+
+    def reportinfo(self) -> tuple[Path, None, str]:
+        """Where the report says that the check is, and its name."""
+        return self.path, None, self.name
 
     def run(self, source: str) -> str:
         """What this code prints. Raises nbval's error if the code does."""

@@ -28,6 +28,7 @@ from tests.end_to_end.notebook_reader import (
     wrong,
 )
 from tests.support.project import ROOT
+from tools.sizes import code_lines
 
 CODE_CELLS = [cell for cell in CELLS if cell["cell_type"] == "code"]
 LAST_CLASSIC_CHAPTER = 8
@@ -114,10 +115,13 @@ def test_no_other_cell_depends_on_an_answer(name):
             assert not defined & names_read(source(cell)), cell["id"]
 
 
+def without_magics(code: str) -> str:
+    return re.sub(r"^\s*[%!].*$", "", code, flags=re.M)
+
+
 def names_read(code: str) -> set[str]:
     """The names that a cell uses without defining them in it."""
-    python = re.sub(r"^\s*[%!].*$", "", code, flags=re.M)
-    nodes = [*ast.walk(ast.parse(python))]
+    nodes = [*ast.walk(ast.parse(without_magics(code)))]
     names = [node for node in nodes if isinstance(node, ast.Name)]
     defined = {node.id for node in names if isinstance(node.ctx, ast.Store)}
     defined |= {node.name for node in nodes if isinstance(node, ast.FunctionDef)}
@@ -126,14 +130,13 @@ def names_read(code: str) -> set[str]:
 
 
 def test_cells_are_short_and_need_no_scrolling():
-    """At most 25 lines of code, besides blank lines and comments between the stages.
+    """At most 25 lines of code, besides docstrings, blank lines and comments.
 
     88 columns are the width of a cell in Jupyter and in the book.
     """
     for cell in CODE_CELLS:
         lines = source(cell).splitlines()
-        code = [line for line in lines if line.strip() and line.strip()[0] != "#"]
-        assert len(code) <= 25, source(cell)
+        assert len(code_lines(without_magics(source(cell)))) <= 25, source(cell)
         assert max(map(len, lines)) <= 88, source(cell)
         # nbval shows the value that a trailing semicolon hides in Jupyter
         assert not any(line.rstrip().endswith(";") for line in lines), source(cell)
@@ -310,9 +313,7 @@ def test_importing_helpers_loads_nothing_slow():
 
 
 def test_the_notebook_imports_only_what_the_course_allows():
-    tree = ast.parse(
-        re.sub(r"^\s*[%!].*$", "", "\n".join(map(source, CODE_CELLS)), flags=re.M)
-    )
+    tree = ast.parse(without_magics("\n".join(map(source, CODE_CELLS))))
     named = [
         alias.name
         for node in ast.walk(tree)
