@@ -84,7 +84,7 @@ def test_video_gives_telemetry_in_si_units_and_a_report(drive, tmp_path):
     lines = [BENDS.truth(t).line_y(side, np.zeros(1))[0] for t in found["time_s"][late] for side in (0, 1)]
     measured = np.column_stack([found["left_c0_m"], found["right_c0_m"]])[late].ravel()
     np.testing.assert_allclose(measured, lines, atol=0.06)
-    assert (found["latency_ms"] > 1).all() and found["latency_ms"].max() < 10_000
+    assert (found["latency_ms"] > 1).all()
     pose = SMALL.require_pose()
     assert found["pose_pitch_rad"][late] == pytest.approx(pose.pitch_rad), "the pose that was used"
     for name, table in (("drive.csv", result.telemetry), ("pictures.csv", stills.telemetry)):

@@ -33,7 +33,7 @@ from lanes.video import images, reader
 from lanes.video.images import read_image
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
-from tests.support.command_line import main, process
+from tests.support.command_line import WAIT_S, main, process
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import ROOT
 
@@ -52,7 +52,7 @@ def done(folder) -> subprocess.CompletedProcess:
     command = process("benchmark", folder / "bend.mp4", "-o", folder / "out", "--workers", 2)
     # threads of several processes would wait for each other on a busy machine
     environment = {"LANES_CACHE": str(folder / "cache"), "PATH": "", "HOME": str(folder), "OMP_NUM_THREADS": "1"}
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=120, env=environment)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=WAIT_S, env=environment)
 
 
 def custom(video: Path, difficulty: str = CUSTOM) -> BenchmarkDrive:

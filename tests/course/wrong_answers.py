@@ -122,7 +122,7 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ),
     ],
     "8.3": [
-        ("there is no photo yet", "my_points_px = pose_warp.source_px"),
+        ("there is no photo yet", ("my_road = ", "my_road = None and ")),
         ("no file", ('DATA.still("straight_lines1")', '"no_road.jpg"')),
         ("an array of shape (4, 2)", ("source_px", "source_px[:2]")),
         ("must be higher in the image", ("source_px", "source_px[:, ::-1]")),

@@ -1,21 +1,23 @@
 """Pytest plugin for nbval: `-p tests.end_to_end.nbval_plugin`.
 
-nbval 0.11 compares the text of the outputs and skips figures. This plugin compares their pixels with a tolerance,
-because bytes change with every matplotlib release and by a grey level between CPUs. It also adds the checks of
-`tests.end_to_end.notebook_reader` to the project's notebook.
+It makes nbval stricter and hides nothing: nbval 0.11 compares the text of the outputs
+and skips figures. This plugin compares
+their pixels with a tolerance, because bytes change with every matplotlib release and by
+a grey level between CPUs. It also adds the checks of `tests.end_to_end.notebook_reader`
+to the project's notebook.
 """
 
 from __future__ import annotations
 
 import base64
-import time
 from collections.abc import Iterator
 
 import cv2
 import numpy as np
 import pytest
 
-# Simulated x86 generations differ by one level in few pixels; another curve or title changes far more than this.
+# Simulated x86 generations differ by one level in few pixels; another curve or title
+# changes far more than this.
 MEAN_LEVELS = 0.5
 STRONG_LEVELS = 16
 STRONG_SHARE = 0.002
@@ -42,7 +44,8 @@ def figure_fault(expected: list[np.ndarray], got: list[np.ndarray]) -> str | Non
         difference = np.abs(old - new)
         strong = np.mean(difference > STRONG_LEVELS)
         if difference.mean() > MEAN_LEVELS or strong > STRONG_SHARE:
-            return f"mean difference {difference.mean():.2f} levels, {strong:.2%} of values differ strongly"
+            mean = f"mean difference {difference.mean():.2f} levels"
+            return f"{mean}, {strong:.2%} of values differ strongly"
     return None
 
 
@@ -54,8 +57,9 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
 
     if getattr(IPyNbCell, "compares_figures", False):
         return
-    collect_cells, kill_kernel = IPyNbFile.collect, IPyNbFile.teardown
-    run_cell, compare_text = IPyNbCell.runtest, IPyNbCell.compare_outputs
+    collect_cells = IPyNbFile.collect
+    kill_kernel = IPyNbFile.teardown
+    compare_text = IPyNbCell.compare_outputs
 
     def collect(self) -> Iterator[pytest.Item]:
         cells = list(collect_cells(self))
@@ -64,26 +68,20 @@ def pytest_collectstart(collector: pytest.Collector) -> None:
             yield from reader_items(self, cells)
 
     def teardown(self) -> None:
-        # nbval kills the kernel. A kernel that is shut down before saves which lines it ran (make coverage).
+        # nbval kills the kernel. A kernel that is shut down before saves which lines it
+        # ran (make coverage).
         if self.kernel is not None and self.kernel.is_alive():
             self.kernel.km.shutdown_kernel()
         kill_kernel(self)
 
-    def runtest(self) -> None:
-        started_s = time.perf_counter()
-        try:
-            run_cell(self)
-        finally:
-            self.duration_s = time.perf_counter() - started_s
-
     def compare_outputs(self, test, ref, skip_compare=None) -> bool:
-        # The table of milliseconds is typeset: it differs in each run, and nothing else is typeset.
-        same = compare_text(self, test, ref, skip_compare or (*self.parent.skip_compare, "text/latex"))
+        same = compare_text(self, test, ref, skip_compare)
         fault = figure_fault(pictures(ref), pictures(test))
         if fault:
             self.comparison_traceback.append(f"figure: {fault}")
         return same and not fault
 
-    IPyNbFile.collect, IPyNbFile.teardown = collect, teardown
-    IPyNbCell.runtest, IPyNbCell.compare_outputs = runtest, compare_outputs
+    IPyNbFile.collect = collect
+    IPyNbFile.teardown = teardown
+    IPyNbCell.compare_outputs = compare_outputs
     IPyNbCell.compares_figures = True

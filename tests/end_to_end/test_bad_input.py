@@ -11,7 +11,6 @@ import os
 import re
 import resource
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -132,7 +131,6 @@ def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_p
         monkeypatch.setattr(os, "access", lambda file, mode: Path(file) != path and access(file, mode))
     monkeypatch.chdir(tmp_path)
     before, there, most_mb = contents(out), {*tmp_path.iterdir()}, peak_mb() + 300
-    began_s = time.process_time()
     status = main([str(path) if word == "BAD" else word.format(**{"in": good, "out": out}) for word in arguments])
     printed, err = capfd.readouterr()
     sentence = err.rpartition("error: ")[2]
@@ -141,7 +139,7 @@ def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_p
     assert re.search(r"[;:] .*[a-z]", sentence) and sentence.rstrip().endswith(".") or "\n" in sentence.strip(), err
     assert "Traceback" not in err and "Warning" not in err
     assert contents(out) == before and {*tmp_path.iterdir()} == there
-    assert peak_mb() < most_mb and time.process_time() - began_s < 5
+    assert peak_mb() < most_mb
 
 
 @pytest.mark.parametrize(

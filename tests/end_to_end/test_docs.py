@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from importlib import import_module
 from itertools import takewhile
@@ -18,14 +19,18 @@ from benchmark.consistency import consistency_table
 from benchmark.tables import read_scores
 from lanes.__main__ import COMMANDS
 from tests.support.project import ROOT
+from tools.course_hours import hours_table, measure_chapters
 
 # Commands that are modules, imported when they are needed; those of `lanes` are classes.
 MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__"}
 MODULES |= {name: name for name in ("benchmark.real_roads", "tools.ablation")}
+MODULES["course.grading"] = "course.grading.__main__"
 KNOWN = {*COMMANDS, *MODULES}
-# Options of git, pip, Dask, nbconvert and YOLOP.
+# Options of git, pip, Dask, nbconvert, nbval, YOLOP, Docker and unshare.
 OF_OTHERS = {"--require-hashes", "--depth", "--version", "--nworkers", "--nthreads", "--lifetime", "--lifetime-stagger"}
-OF_OTHERS |= {"--to", "--execute", "--inplace", "--width", "--validate-label"}
+OF_OTHERS |= {"--to", "--execute", "--inplace", "--width", "--validate-label", "--nbval", "--map-root-user", "--net"}
+OF_OTHERS |= {"--rm", "--network", "--memory", "--cpus", "--pids-limit", "--cap-drop", "--security-opt"}
+OF_OTHERS |= {"--user", "--env", "--tmpfs", "--read-only", "--volume", "--workdir"}
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 BENCHMARK = ROOT / "docs" / "benchmark"
@@ -47,8 +52,9 @@ def test_the_links_modules_and_helpers_that_are_named_exist(page):
     packages = "lanes|simulator|benchmark|course|tests|tools"
     paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", text)
     assert not [path for path in paths if not (ROOT / path).exists()]
+    without_commands = re.sub(r"python -m \S+", "", text)
     for module in (helpers, course):
-        named = set(re.findall(rf"(?<![\w/]){module.__name__}\.([a-z_]+)", text)) - {"py"}
+        named = set(re.findall(rf"(?<![\w/]){module.__name__}\.([a-z_]+)", without_commands)) - {"py"}
         assert not [name for name in named if not hasattr(module, name)]
 
 
@@ -126,3 +132,10 @@ def test_the_tables_of_scores_are_those_of_the_benchmark(page):
 def test_the_table_of_uncertainties_is_that_of_the_benchmark():
     page = (BENCHMARK / "README.md").read_text(encoding="utf-8").splitlines()
     assert set(consistency_table(read_scores(BENCHMARK / "consistency.csv", "nees_mean")).splitlines()) <= set(page)
+
+
+def test_the_table_of_hours_is_that_of_the_notebook():
+    """`python -m tools.course_hours` prints it."""
+    page = (ROOT / "docs" / "teaching.md").read_text(encoding="utf-8")
+    notebook = json.loads((ROOT / "project.ipynb").read_text(encoding="utf-8"))
+    assert hours_table(measure_chapters(notebook)) in page

@@ -22,7 +22,7 @@ from simulator.rendering import render
 from simulator.scenes.motorway import project_video
 from tests.support import command_line
 from tests.support.clips import write_drive
-from tests.support.command_line import popen, run, start
+from tests.support.command_line import WAIT_S, popen, run, start
 from tests.support.painted_drive import BENDS
 from tests.support.project import names
 
@@ -79,11 +79,11 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(tmp_path):
                 child.communicate(timeout=10)
             # Python ignores an interrupt in a destructor, here in one of 300 runs: then a user presses Ctrl-C again.
             child.send_signal(number)
-            child.communicate(timeout=30)
+            child.communicate(timeout=WAIT_S)
         require_whole(tmp_path)
     # The next run removes the partial files.
     with popen([*command, "1"]) as child:
-        _, err = child.communicate(timeout=60)
+        _, err = child.communicate(timeout=WAIT_S)
     assert child.returncode == 0, err
     assert names(tmp_path) == NAMES
     require_whole(tmp_path)
@@ -109,7 +109,7 @@ def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
         first.send_signal(signal.SIGSTOP)
         status, _, err = run(*annotate(drive, out), "--end", "0.2")
         first.send_signal(signal.SIGCONT)
-        assert first.wait(timeout=60) == 0
+        assert first.wait(timeout=WAIT_S) == 0
     assert status == 1 and "drive.mp4: cannot be written (another run is writing it" in err
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
     assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
@@ -158,7 +158,7 @@ def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, o
     words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", out]
     script = f'set -o pipefail; export PYTHONIOENCODING=ascii; "$@" {output}'
     with popen(["bash", "-c", script, "bash", *command_line.process(*words)]) as child:
-        _, err = child.communicate(timeout=120)
+        _, err = child.communicate(timeout=WAIT_S)
     assert (child.returncode, err) == (0, "")
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
     assert inspect_video(out / "drive.mp4").frames == FRAMES

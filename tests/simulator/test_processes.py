@@ -18,6 +18,7 @@ import psutil
 import pytest
 
 from simulator.processes import map_ordered, run_all
+from tests.support.command_line import WAIT_S
 from tests.support.project import ROOT
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("sigint")]
@@ -47,7 +48,8 @@ def write_slowly(path: Path) -> None:
     """Write a file, wait for the interrupt, remove the file."""
     try:
         path.write_text("unfinished")
-        time.sleep(60)
+        # longer than any test waits
+        time.sleep(10 * WAIT_S)
     finally:
         path.unlink()
 
@@ -55,7 +57,7 @@ def write_slowly(path: Path) -> None:
 def wait_for(
     condition: Callable[[], bool],
     *,
-    seconds: float = 20.0,
+    seconds: float = WAIT_S,
 ) -> None:
     until = time.monotonic() + seconds
     while not condition():
@@ -182,7 +184,7 @@ def test_an_interrupt_ends_all_processes_without_output_or_files_of_theirs(
     # As the terminal does it: to the whole group.
     os.killpg(writing.pid, signal.SIGINT)
     # Returns when the last process that can still write has ended.
-    _, said = writing.communicate(timeout=20)
+    _, said = writing.communicate(timeout=WAIT_S)
     assert said.count("Traceback") == 1
     assert said.rstrip().endswith("KeyboardInterrupt")
     assert list(tmp_path.iterdir()) == []

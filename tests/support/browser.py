@@ -15,6 +15,8 @@ from selenium.webdriver.common.action_chains import ActionChains
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.wait import WebDriverWait
 
+from tests.support.command_line import WAIT_S
+
 NAMES = ("chromium", "chromium-browser", "google-chrome")
 CHROMIUM = next(filter(None, map(shutil.which, NAMES)), None)
 DRIVER = shutil.which("chromedriver")
@@ -52,8 +54,8 @@ class Browser(webdriver.Chrome):
         return self.value("[...document.querySelectorAll(arguments[0])].map(e => e.textContent)", selector)
 
     def wait(self, condition: str) -> None:
-        """Wait up to 10 s until a JavaScript expression is true."""
-        until = WebDriverWait(self, timeout=10, poll_frequency=0.05).until
+        """Wait until a JavaScript expression is true."""
+        until = WebDriverWait(self, timeout=WAIT_S, poll_frequency=0.05).until
         until(lambda page: page.value(f"Boolean({condition})"), f"never true: {condition}")
 
     def click(self, selector: str, *, across: float = 0.5) -> None:

@@ -14,6 +14,8 @@ import lanes.__main__
 import simulator.__main__
 from tests.support.project import ROOT
 
+# A process that hangs fails its test after this time, also on a loaded machine; no test measures time.
+WAIT_S = 900
 PROGRAMS = {"benchmark": benchmark.__main__, "simulator": simulator.__main__}
 
 
@@ -70,5 +72,5 @@ def start(*arguments: object, python: tuple[str, ...] = (), **options: object) -
 def run(*arguments: object, python: tuple[str, ...] = (), **options: object) -> tuple[int, str, str]:
     """Exit status, stdout and stderr of a command that runs as a new process."""
     with start(*arguments, python=python, **options) as child:
-        out, err = child.communicate(timeout=120)
+        out, err = child.communicate(timeout=WAIT_S)
     return child.returncode, out, err
