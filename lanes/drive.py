@@ -31,9 +31,9 @@ from lanes.errors import ByValue, CameraError, LaneError, PictureError, PoseErro
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.pose.estimate import ESTIMATED, POSE_PICTURES, PoseEstimate, detect_in_drive, ensure_pose, estimate_pose
-from lanes.ros.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.ros.robot_log import index_log
 from lanes.show.draw import draw_lane, track_lane
+from lanes.show.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.show.report import Telemetry, describe_confidence, describe_shares, seconds_lost, write_report
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
@@ -170,7 +170,7 @@ def annotate(
     progress : bool
         Show a progress bar, as is the default, if stderr is a terminal or a notebook.
     topic : str
-        Topic of the images in robot logs; by default the only one. See `lanes.ros.lane_messages` for their output.
+        Topic of the images in robot logs; by default the only one. See `lanes.show.lane_messages` for their output.
     markings : callable, as for `lanes.find_lane`
     camera_offset_m : float
         Position of the camera left of the middle of the car, negative right; by default that of `camera`.

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lanes.files import write_atomically
-from lanes.video.images import MAX_PIXELS
+from lanes.recording import MAX_PIXELS
 
 LABELME_VERSION = "6.3.1"
 # Labels of the lines: of the ego lane, and the far lines of the adjacent lanes.

@@ -50,7 +50,8 @@ from lanes.labelme import (
     parse_drawing,
     parse_json,
 )
-from lanes.video.images import MAX_PIXELS, read_image
+from lanes.recording import MAX_PIXELS
+from lanes.video.images import read_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, read_frames
 
 NO_POINT = -2.0

@@ -48,8 +48,8 @@ from lanes.files import (
     write_atomically,
     write_telemetry,
 )
-from lanes.ros.lane_messages import MESSAGES_SUFFIX
 from lanes.ros.log_files import file_of_log
+from lanes.show.lane_messages import MESSAGES_SUFFIX
 from lanes.show.report import frame_lengths_s, seconds_lost, share_tracked
 from lanes.video.images import opencv_threads
 from lanes.video.sources import require_distinct_outputs

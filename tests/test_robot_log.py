@@ -22,8 +22,8 @@ from lanes.detect.search import find_lane
 from lanes.drive import Annotation, DriveSettings, annotate_drive, track
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
-from lanes.ros.lane_messages import INFERRED_ALPHA, write_lane_messages
 from lanes.ros.robot_log import index_log
+from lanes.show.lane_messages import INFERRED_ALPHA, write_lane_messages
 from lanes.video.reader import inspect_video, read_timed_frames
 from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs

@@ -40,7 +40,8 @@ from lanes.errors import (
     require_type,
 )
 from lanes.files import read_text, write_atomically
-from lanes.video.images import MAX_PIXELS, require_rgb, upright_axes
+from lanes.recording import MAX_PIXELS
+from lanes.video.images import require_rgb, upright_axes
 
 # Plausible horizontal fields of view of a dashcam, degrees.
 HFOV_RANGE_DEG = 10, 150

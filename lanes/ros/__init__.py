@@ -1,4 +1,5 @@
-"""Robot logs: ROS bags and MCAP files are read like videos, lanes are written as messages.
+"""Robot logs: ROS bags and MCAP files are read like videos.
 
-In: a log, or the lanes of a drive. Out: images with times, a calibration, or an MCAP file with lane messages.
+In: a log. Out: images with times, and messages of a calibration. The messages that are
+written are those of `lanes.show.lane_messages`.
 """

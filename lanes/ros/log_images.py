@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.video.images import MAX_PIXELS
+from lanes.recording import MAX_PIXELS
 
 
 @dataclass(frozen=True)

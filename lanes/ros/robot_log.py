@@ -17,6 +17,7 @@ import numpy as np
 
 from lanes.errors import VideoError
 from lanes.files import require_file
+from lanes.recording import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 from lanes.ros.log_files import LogReader, Topic, file_of_log, open_log
 from lanes.ros.log_images import (
     count_bits,
@@ -25,7 +26,6 @@ from lanes.ros.log_images import (
     find_peak,
     is_key_frame,
 )
-from lanes.video import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 
 # Types of messages with an image each, and others of videos.
 _IMAGE_KINDS = ("Image", "RawImage", "CompressedImage", "CompressedVideo")

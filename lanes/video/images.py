@@ -18,6 +18,7 @@ import numpy as np
 
 from lanes.errors import PictureError
 from lanes.files import require_file, write_atomically
+from lanes.recording import MAX_PIXELS
 
 # Names of JPEG; OpenCV does not know all of them.
 _JPEG = (".jpg", ".jpeg", ".jpe", ".jfif")
@@ -42,8 +43,6 @@ _UPRIGHT_AXES = {
     7: ((0, -1), (-1, 0)),
     8: ((0, 1), (-1, 0)),
 }
-# Four times an 8K video's. A header can claim 4,000 million. Pillow refuses images of more than 179 million.
-MAX_PIXELS = 128_000_000
 
 
 def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:

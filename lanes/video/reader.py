@@ -27,10 +27,10 @@ from av.video.reformatter import VideoReformatter
 from lanes.console import progress_bar
 from lanes.errors import ByValue, VideoError, require_number
 from lanes.files import require_file
+from lanes.recording import CLOCK_RESET_S, MAX_FPS, MAX_PIXELS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 from lanes.ros.log_files import is_robot_log
 from lanes.ros.robot_log import index_log, read_log
-from lanes.video import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
-from lanes.video.images import MAX_PIXELS, is_transposed, make_upright, upright_axes
+from lanes.video.images import is_transposed, make_upright, upright_axes
 
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
 # make FFmpeg open further files or network addresses that the author of the file chose.

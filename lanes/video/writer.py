@@ -28,7 +28,7 @@ from av.container import InputContainer, OutputContainer
 
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
-from lanes.video import CLOCK_RESET_S, MAX_FPS, MIN_FPS
+from lanes.recording import CLOCK_RESET_S, MAX_FPS, MIN_FPS
 from lanes.video.images import require_rgb
 from lanes.video.reader import (
     CLOCK_SET_S,

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from lanes.errors import VideoError
+from lanes.recording import MAX_PIXELS
 from lanes.video import reader
-from lanes.video.images import MAX_PIXELS, as_stored, make_upright
+from lanes.video.images import as_stored, make_upright
 from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
 from lanes.video.writer import process_video
 from tests.support.clips import add_tone, encode
