@@ -1,4 +1,6 @@
-"""Shared parts of the command lines: checked number types, a progress line and exit statuses."""
+"""Shared parts of the command lines: checked number types, a progress line and exit
+statuses.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,15 @@ from lanes.errors import PoseError
 
 
 def require_opencv() -> None:
-    """Raise ImportError if the installed OpenCV is too old; a command ends with its sentence."""
+    """Raise ImportError if the installed OpenCV is too old; a command ends with its
+    sentence.
+    """
     version = import_module("cv2").__version__
     if int(version.partition(".")[0]) >= 5:
         return
     sentence = (
-        f"OpenCV {version} is installed, but lanes needs 5; run pip uninstall opencv-python opencv-python-headless and "
+        f"OpenCV {version} is installed, but lanes needs 5; run pip uninstall "
+        "opencv-python opencv-python-headless and "
         'pip install "opencv-python-headless>=5,<6".'
     )
     if sys.argv[:1] == ["-m"] or Path(sys.argv[0]).stem == "lanes":  # python -m lanes, lanes
@@ -65,14 +70,18 @@ def seconds(text: str) -> float:
 
 
 def progress_bar(name: str | None, unit: str, total: int, *, shown: bool = True) -> tqdm:
-    """A bar on stderr with rate and remaining time, if that is a terminal or a notebook."""
+    """A bar on stderr with rate and remaining time, if that is a terminal or a
+    notebook.
+    """
     # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
     interactive = sys.stderr.isatty() or type(sys.stderr).__module__.startswith("ipykernel")
     return tqdm(desc=name, unit=unit, total=total, disable=not (shown and interactive))
 
 
 def progress_line(name: str) -> Callable[[int, int], None]:
-    """A callback (done, total) that updates a `progress_bar`; in a log file only the last state is printed."""
+    """A callback (done, total) that updates a `progress_bar`; in a log file only the
+    last state is printed.
+    """
     bar: tqdm | None = None
 
     def report(done: int, total: int) -> None:
@@ -91,7 +100,8 @@ def progress_line(name: str) -> Callable[[int, int], None]:
 @contextmanager
 def sigint_blocked() -> Iterator[None]:
     """Delay Ctrl-C; processes that are started meanwhile inherit the blocked signal."""
-    # Python starts its resource tracker with the first process, and unblocks the signal after that.
+    # Python starts its resource tracker with the first process, and unblocks the signal
+    # after that.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -109,17 +119,21 @@ def plain_warnings() -> Iterator[None]:
 
 
 def error_status(error: Exception) -> int:
-    """Exit status for an error: 2 for a missing or bad input, 1 if the work could not be done with good inputs."""
+    """Exit status for an error: 2 for a missing or bad input, 1 if the work could not
+    be done with good inputs.
+    """
     cannot_write = isinstance(error, OSError) and not isinstance(error, FileNotFoundError)
     return 1 if cannot_write or isinstance(error, PoseError) else 2
 
 
 def run_command(command: Any, program: str, arguments: list[str]) -> int:
-    """Run a command, a module or object with a docstring, EXAMPLES, `add_arguments(parser)` and `run(options)`.
+    """Run a command, a module or object with a docstring, EXAMPLES,
+    `add_arguments(parser)` and `run(options)`.
 
-    In EXAMPLES, `{program}` stands for `program`, which is how the user starts this command. Returns the exit status:
-    0 done; 1 failed with good inputs, such as an unwritable output or images without a road; 2 wrong usage, or a
-    missing or bad input; 130 interrupted.
+    In EXAMPLES, `{program}` stands for `program`, which is how the user starts this
+    command. Returns the exit status: 0 done; 1 failed with good inputs, such as an
+    unwritable output or images without a road; 2 wrong usage, or a missing or bad
+    input; 130 interrupted.
     """
     parser = argparse.ArgumentParser(
         prog=program,
@@ -143,10 +157,12 @@ def run_command(command: Any, program: str, arguments: list[str]) -> int:
 
 def run_program(main: Callable[[], int]) -> None:
     """Exit this process with the status of `main()`; SIGTERM gives status 143."""
-    # SIGTERM raises an exception, as Ctrl-C does, so that half-written files are removed.
+    # SIGTERM raises an exception, as Ctrl-C does, so that half-written files are
+    # removed.
     signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
-    # A terminal that cannot show a file name or a sign such as ± must not stop the command, nor one that is closed
-    # (`| head`) or a full disk behind it: the exit status is that of the work.
+    # A terminal that cannot show a file name or a sign such as ± must not stop the
+    # command, nor one that is closed (`| head`) or a full disk behind it: the exit
+    # status is that of the work.
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         if stream is None:  # closed before the start

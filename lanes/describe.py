@@ -10,15 +10,18 @@ from math import degrees
 
 
 def describe_bend(curvature_per_m: float | None, std_per_m: float = 0.0) -> str:
-    """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend unknown".
+    """Text for a curvature: "bends right, R 640 m", "straight (R > 3 km)" or "bend
+    unknown".
 
-    If the curvature is smaller than its standard deviation, the road is straight, or bends with a larger radius than
-    the text says. If that radius is below 100 m, the bend is unknown.
+    If the curvature is smaller than its standard deviation, the road is straight, or
+    bends with a larger radius than the text says. If that radius is below 100 m, the
+    bend is unknown.
     """
     if curvature_per_m is None:
         return "bend unknown"
-    # On a straight road the measured radius is large and of either sign. At 3 km a line leaves its tangent by 0.15 m,
-    # the width of a marking, over the 30 m that the classic views show.
+    # On a straight road the measured radius is large and of either sign. At 3 km a line
+    # leaves its tangent by 0.15 m, the width of a marking, over the 30 m that the
+    # classic views show.
     size_per_m, least_per_m = abs(curvature_per_m), 1 / 3000
     most_per_m = size_per_m + std_per_m
     if size_per_m < max(std_per_m, least_per_m):
@@ -45,12 +48,17 @@ def describe_offset(offset_m: float | None, std_m: float | None = None) -> str:
 
 
 def describe_std(std_m: float) -> str:
-    """Text for a standard deviation of centimetres: "0.02". At least "0.01", because "± 0.00" would claim certainty."""
+    """Text for a standard deviation of centimetres: "0.02".
+
+    At least "0.01", because "± 0.00" would claim certainty.
+    """
     return f"{max(std_m, 0.01):.2f}"
 
 
 def describe_heading(heading_rad: float) -> str:
-    """Text for the road's direction relative to the car: "0.6 deg to the left" or "straight ahead"."""
+    """Text for the road's direction relative to the car: "0.6 deg to the left" or
+    "straight ahead".
+    """
     heading_deg = abs(degrees(heading_rad))
     if heading_deg < 0.05:
         return "straight ahead"
@@ -58,7 +66,9 @@ def describe_heading(heading_rad: float) -> str:
 
 
 def format_table(columns: Sequence[str], rows: Mapping[str, Sequence[str]]) -> str:
-    """A text table with columns of equal width: a line of headings, then a line for each named row."""
+    """A text table with columns of equal width: a line of headings, then a line for
+    each named row.
+    """
     width = 2 + max(len(text) for texts in (columns, *rows.values()) for text in texts)
     name_width = max(map(len, rows), default=0)
     lines = [("", columns), *rows.items()]

@@ -25,11 +25,15 @@ class PictureError(LaneError):
 
 
 class CameraError(LaneError):
-    """A camera, camera file or calibration cannot be used; the message says which, why and what to do."""
+    """A camera, camera file or calibration cannot be used; the message says which, why
+    and what to do.
+    """
 
 
 class PoseError(LaneError):
-    """The camera pose cannot be estimated from the images; the message says why and what to do."""
+    """The camera pose cannot be estimated from the images; the message says why and
+    what to do.
+    """
 
 
 class VideoError(LaneError):
@@ -37,7 +41,10 @@ class VideoError(LaneError):
 
 
 def require_number(value: object, name: str, *, positive: bool = False, finite: bool = True) -> float:
-    """The number as a Python float: of an int, float, Fraction or NumPy number. Raises LaneError otherwise."""
+    """The number as a Python float: of an int, float, Fraction or NumPy number.
+
+    Raises LaneError otherwise.
+    """
     number = None
     if isinstance(value, Real) and not isinstance(value, bool):
         with suppress(OverflowError):  # of integers
@@ -57,7 +64,9 @@ def require_type(value: Any, kind: type[_T], name: str, remedy: str = "") -> _T:
 
 
 class ByValue:
-    """Base class of dataclasses with ``eq=False``: equal if all fields are, arrays element by element, NaN to NaN."""
+    """Base class of dataclasses with ``eq=False``: equal if all fields are, arrays
+    element by element, NaN to NaN.
+    """
 
     def __eq__(self, other: object) -> bool:
         return _same_value(self, other) if type(other) is type(self) else NotImplemented
@@ -68,7 +77,9 @@ class ByValue:
 
 
 def _same_value(a: Any, b: Any) -> bool:
-    """Whether two values are equal; arrays, tuples, dicts and dataclasses are compared by what they hold."""
+    """Whether two values are equal; arrays, tuples, dicts and dataclasses are compared
+    by what they hold.
+    """
     if a is b:
         return True
     if isinstance(a, np.ndarray):

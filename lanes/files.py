@@ -1,8 +1,10 @@
-"""Files in and out: checks of input files, atomic writes, locks on outputs, and telemetry (CSV).
+"""Files in and out: checks of input files, atomic writes, locks on outputs, and
+telemetry (CSV).
 
-An output is written to ``STEM.partial.SUFFIX`` in the same folder and renamed when it is complete. Meanwhile the writer
-holds a lock, which the operating system releases when the process ends. A second writer of the same output is refused;
-after a killed process the next run writes the same partial file again.
+An output is written to ``STEM.partial.SUFFIX`` in the same folder and renamed when it
+is complete. Meanwhile the writer holds a lock, which the operating system releases when
+the process ends. A second writer of the same output is refused; after a killed process
+the next run writes the same partial file again.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ import yaml
 from filelock import FileLock, Timeout
 
 _PARTIAL = ".partial"
-# Suffix of the messages that are written next to the video of a robot log; other than that of a log.
+# Suffix of the messages that are written next to the video of a robot log; other than
+# that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
-# A second writer waits this long for the lock: as long as it takes to write a small file.
+# A second writer waits this long for the lock: as long as it takes to write a small
+# file.
 _LOCK_TIMEOUT_S = 1.0
 NO_PERMISSION = "{}: permission denied; get read permission, or copy it."
 # What is there instead of a file, by `stat`; anything else is a device.
@@ -37,10 +41,11 @@ _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a so
 def require_file(
     path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> Path:
-    """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
+    """The path, if it is a readable, ordinary file; a pipe would block the reader, a
+    device would fill the memory.
 
-    `kind` is the expected content, for the error message: "image", "video". Raises FileNotFoundError if the file does
-    not exist, otherwise `error`.
+    `kind` is the expected content, for the error message: "image", "video". Raises
+    FileNotFoundError if the file does not exist, otherwise `error`.
     """
     path = Path(path)
     try:
@@ -59,7 +64,8 @@ def require_file(
         raise error(f"{path}: the file is empty; copy it again from its source.")
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(
-            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of a {kind} file "
+            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of "
+            f"a {kind} file "
             f"({max_bytes / 1e6:g} MB); name another file."
         )
     return path
@@ -77,7 +83,9 @@ def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> N
 def read_text(
     path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
 ) -> str:
-    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and `error` if it is not UTF-8."""
+    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and
+    `error` if it is not UTF-8.
+    """
     data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
     try:
         return data.decode("utf-8-sig")
@@ -95,12 +103,15 @@ class _PlainLoader(yaml.SafeLoader):
 
 
 def parse_yaml(text: str) -> Any:
-    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags and aliases."""
+    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags
+    and aliases.
+    """
     return yaml.load(text, _PlainLoader)
 
 
 def protobuf_fields(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
-    """Number, all bytes, and content of each field of a protobuf message; IndexError if it is cut off.
+    """Number, all bytes, and content of each field of a protobuf message; IndexError if
+    it is cut off.
 
     The content is a number, or bytes: also of numbers with a fixed length
     (https://protobuf.dev/programming-guides/encoding).
@@ -135,7 +146,8 @@ def _read_varint(data: bytes, at: int) -> tuple[int, int]:
 def list_files(folder: str | Path) -> list[Path]:
     """The files of a folder, without hidden and partial ones.
 
-    Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
+    Raises FileNotFoundError if the folder does not exist, ValueError if it is not
+    readable.
     """
     folder = Path(folder)
     if folder.is_file():
@@ -151,7 +163,9 @@ def list_files(folder: str | Path) -> list[Path]:
 
 
 def hash_sources(*sources: Path) -> str:
-    """Twelve hexadecimal digits that change with the content of the files; a folder stands for its Python files."""
+    """Twelve hexadecimal digits that change with the content of the files; a folder
+    stands for its Python files.
+    """
     digest = hashlib.sha256()
     for source in sources:
         for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
@@ -161,7 +175,8 @@ def hash_sources(*sources: Path) -> str:
 
 
 def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None) -> Iterator[tuple[int, Any]]:
-    """Number and content of each line of a file of JSON lines, without blank ones; ValueError names a line that is bad.
+    """Number and content of each line of a file of JSON lines, without blank ones;
+    ValueError names a line that is bad.
 
     `kind` is what a line holds, for the message.
     """
@@ -175,7 +190,10 @@ def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None
 
 
 def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
-    """Write a JSON object per line atomically; returns the path. Raises OSError if the file cannot be written."""
+    """Write a JSON object per line atomically; returns the path.
+
+    Raises OSError if the file cannot be written.
+    """
     text = "".join(json.dumps(row) + "\n" for row in rows)
     write_atomically(path, text.encode() or b"\n")  # an empty file would be refused as a failed copy
     return Path(path)
@@ -190,10 +208,12 @@ def write_atomically(path: str | Path, data: bytes) -> None:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
+    """The name of a partial file to write to; it is renamed to `path` after the block,
+    or removed if the block raises.
 
-    A link is replaced at its target and stays a link. The folder is created where needed. Raises OSError if the file
-    cannot be written, or if another process is writing it; errors of the block are not reworded.
+    A link is replaced at its target and stays a link. The folder is created where
+    needed. Raises OSError if the file cannot be written, or if another process is
+    writing it; errors of the block are not reworded.
     """
     with ExitStack() as until_written:
         with translate_write_errors(path):
@@ -215,7 +235,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def remove_partial(path: Path) -> None:
-    """Remove the partial file of an output whose writer has ended; that of another writer stays."""
+    """Remove the partial file of an output whose writer has ended; that of another
+    writer stays.
+    """
     partial, lock_path = partial_files(Path(os.path.realpath(path)))
     if partial.exists() or lock_path.exists():
         with suppress(OSError), locked(lock_path, timeout_s=0):
@@ -224,25 +246,33 @@ def remove_partial(path: Path) -> None:
 
 @contextmanager
 def locked(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
-    """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
+    """Hold the lock file `path` during the block, and remove it.
+
+    Raises OSError if another process holds it.
+    """
     lock = FileLock(path, timeout=timeout_s, thread_local=False)
     try:
         lock.acquire()
     except Timeout as error:
         raise OSError("another run is writing it; wait until that is done") from error
     except OSError:
-        pass  # a file system without locks, or one that refuses to write the partial file as well
+        # a file system without locks, or one that refuses to write the partial file as
+        # well
+        pass
     try:
         yield
     finally:
-        # Removed while locked: a process that waits for this lock notices and creates the file again.
+        # Removed while locked: a process that waits for this lock notices and creates
+        # the file again.
         with suppress(OSError):
             path.unlink()
         lock.release()
 
 
 def partial_files(path: Path) -> tuple[Path, Path]:
-    """The partial file of an output, and the lock of its writer; both are in the output's folder."""
+    """The partial file of an output, and the lock of its writer; both are in the
+    output's folder.
+    """
     stem = path.stem
     # File systems allow 255 bytes: longer names would leave no room for what is added.
     if len(os.fsencode(path.name)) > 230:
@@ -253,7 +283,9 @@ def partial_files(path: Path) -> tuple[Path, Path]:
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """Reword an OSError raised in the block: the message names `path` and says what to do."""
+    """Reword an OSError raised in the block: the message names `path` and says what to
+    do.
+    """
     try:
         yield
     except OSError as error:
@@ -267,11 +299,14 @@ def _describe_kind(found: os.stat_result) -> str:
     return _KINDS.get(stat.S_IFMT(found.st_mode), "a device")
 
 
-# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth in this form.
+# Telemetry: CSV with one row per frame and units in the column names; rendered videos
+# have their truth in this form.
 
 
 class TelemetryWriter:
-    """Writer of a CSV table: keeps the rows of a `with` block in memory, and writes them atomically at its end."""
+    """Writer of a CSV table: keeps the rows of a `with` block in memory, and writes
+    them atomically at its end.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -294,7 +329,9 @@ class TelemetryWriter:
         write_atomically(self.path, table.getvalue().encode(errors="replace"))
 
     def write(self, row: Mapping[str, object]) -> None:
-        """Append a row: column name to value. Missing values, None and NaN become empty fields, truth values 1 and 0.
+        """Append a row: column name to value.
+
+        Missing values, None and NaN become empty fields, truth values 1 and 0.
 
         The table has the columns of all rows, in order of first appearance.
         """
@@ -324,8 +361,9 @@ def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> P
 def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     """Read a telemetry or truth CSV into one array (rows,) for each column.
 
-    Columns of numbers become float64 with NaN for empty fields, all others str. Raises FileNotFoundError, or ValueError
-    if the file is not a CSV table with a header, a column "frame" and rows of equal length.
+    Columns of numbers become float64 with NaN for empty fields, all others str. Raises
+    FileNotFoundError, or ValueError if the file is not a CSV table with a header, a
+    column "frame" and rows of equal length.
     """
     text = read_text(path, "telemetry")
     try:
@@ -344,7 +382,8 @@ def _field(value: object) -> object:
     if value is None:
         return ""
     if isinstance(value, (float, np.floating)):
-        # Nine digits resolve micrometres over kilometres and hide the last bits, which differ between processors.
+        # Nine digits resolve micrometres over kilometres and hide the last bits, which
+        # differ between processors.
         return "" if np.isnan(value) else f"{value:.9g}"
     return int(value) if isinstance(value, bool) else value
 

@@ -1,7 +1,9 @@
-"""Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its measures in words.
+"""Overlay: the lane drawn on a raw image, as far as its evidence reaches, with its
+measures in words.
 
-The confidence decides what is drawn. A likely lane is filled; a ribbon lies on the paint of each line that is seen.
-Lines that are inferred, and those of an uncertain lane, are dotted.
+The confidence decides what is drawn. A likely lane is filled; a ribbon lies on the
+paint of each line that is seen. Lines that are inferred, and those of an uncertain
+lane, are dotted.
 """
 
 from __future__ import annotations
@@ -41,26 +43,33 @@ COLOURS: Mapping[str, canvas.Colour] = {
     "far right": (150, 195, 255),
     "uncertain": canvas.UNLIKELY_COLOUR,
 }
-# A line that is seen up to the border of the image is drawn from this distance on, which is below it. The border has
-# this share of the image's shorter side. Otherwise the bonnet or a car hides the road before the nearest marking.
+# A line that is seen up to the border of the image is drawn from this distance on,
+# which is below it. The border has this share of the image's shorter side. Otherwise
+# the bonnet or a car hides the road before the nearest marking.
 NEAREST_M, BORDER_SHARE = 0.5, 0.02
-# Points of the outlines, at distances that grow by a factor that falls with the distance, because distant bends look
-# sharpest in the image: 24 points deviate by less than 0.4 px from bends of 150 m radius over 60 m.
+# Points of the outlines, at distances that grow by a factor that falls with the
+# distance, because distant bends look sharpest in the image: 24 points deviate by less
+# than 0.4 px from bends of 150 m radius over 60 m.
 SHARES = np.sqrt(np.linspace(0, 1, 24))
-# Width of a ribbon: that of narrow paint, so that the edges of most lines stay visible beside it.
+# Width of a ribbon: that of narrow paint, so that the edges of most lines stay visible
+# beside it.
 RIBBON_M = 0.1
-# Width of dots and their distance; those of a hint: the root of the image's area divided by this.
+# Width of dots and their distance; those of a hint: the root of the image's area
+# divided by this.
 DOT_SHARES, HINT_SHARES = (220, 70), (480, 35)
-# Half width of the views of the road in the inset and in the mosaic; the share of the image that the inset takes.
+# Half width of the views of the road in the inset and in the mosaic; the share of the
+# image that the inset takes.
 SHOWN_HALF_WIDTH_M, INSET_SHARE = 4.5, (0.2, 0.42)
 NO_POINTS = np.empty((0, 2))
 
 
 class LaneOutline(NamedTuple):
-    """Raw pixels (N, 2) of the drawn parts of a lane; empty for parts that are not drawn.
+    """Raw pixels (N, 2) of the drawn parts of a lane; empty for parts that are not
+    drawn.
 
-    `area` is the polygon between the lines, `ribbons` are those along the left and the right line, `dotted` are these
-    lines where they are inferred or the lane is uncertain.
+    `area` is the polygon between the lines, `ribbons` are those along the left and the
+    right line, `dotted` are these lines where they are inferred or the lane is
+    uncertain.
     """
 
     area: np.ndarray = NO_POINTS
@@ -83,8 +92,8 @@ def draw_lane(
 ) -> np.ndarray:
     """A copy of a raw image with the lane and its measures.
 
-    An uncertain lane, with a confidence below 0.5, is dotted and not filled. One below 0.15 is a thin dotted hint; the
-    words are "no lane", as without a lane.
+    An uncertain lane, with a confidence below 0.5, is dotted and not filled. One below
+    0.15 is a thin dotted hint; the words are "no lane", as without a lane.
 
     Parameters
     ----------
@@ -93,7 +102,8 @@ def draw_lane(
     camera : Camera, optional
         By default the one that the lane was found with.
     style : {"lane", "lines", "inset", "mosaic"}
-        The filled lane, its two lines, the lane with a bird's-eye view, or a mosaic with intermediate results.
+        The filled lane, its two lines, the lane with a bird's-eye view, or a mosaic
+        with intermediate results.
     parts : collection of str, optional
         What to draw, of `lanes.show.draw.PARTS`; by default the parts of the style.
     colours : mapping of str to RGB colour, optional
@@ -103,9 +113,11 @@ def draw_lane(
     opacity : float
         Opacity of the area, 0 to 1.
     evidence : Evidence, optional
-        The evidence of the lane, for the inset and the mosaic; extracted again if not given.
+        The evidence of the lane, for the inset and the mosaic; extracted again if not
+        given.
     onto : ndarray, optional
-        Drawn on instead of a copy: pass `image` itself if it is not needed any more, which saves a quarter of the time.
+        Drawn on instead of a copy: pass `image` itself if it is not needed any more,
+        which saves a quarter of the time.
 
     Raises
     ------
@@ -124,7 +136,8 @@ def draw_lane(
     image = camera.require_size(image)
     outline = lane_outline(lane, camera, thickness=thickness) if lane else None
     inset = _draw_inset(image, lane, camera, evidence) if "inset" in parts else None
-    # copied last, because a whole image evicts everything else from the processor's cache
+    # copied last, because a whole image evicts everything else from the processor's
+    # cache
     drawn = image.copy() if onto is None else onto
     if lane and outline:
         used = {**COLOURS, **(colours or {})}
@@ -156,7 +169,8 @@ def _require_known(what: str, names: Collection[str], known: Collection[str]) ->
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
-    """The drawn parts of a lane: each line up to its farthest marking, the area up to the nearer end of both.
+    """The drawn parts of a lane: each line up to its farthest marking, the area up to
+    the nearer end of both.
 
     A line without markings ends with the other one. See `draw_lane`.
     """
@@ -188,7 +202,9 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
 
 def _start_m(lane: Lane, camera: Camera) -> float:
-    """Where the drawing begins: at the nearest marking seen, or below the image if that is at the image's border."""
+    """Where the drawing begins: at the nearest marking seen, or below the image if that
+    is at the image's border.
+    """
     nearest = min((line for line in lane.lines if line.start_m), key=lambda line: line.start_m, default=None)
     if nearest is None:
         return NEAREST_M
@@ -199,7 +215,9 @@ def _start_m(lane: Lane, camera: Camera) -> float:
 
 
 def describe_lane(lane: Lane | None) -> list[str]:
-    """The result in words: bend, offset, types of the lines, state with confidence, and a warning if one is due."""
+    """The result in words: bend, offset, types of the lines, state with confidence, and
+    a warning if one is due.
+    """
     if lane is None or lane.confidence < LEAST_CONFIDENCE:
         return ["no lane"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
@@ -214,10 +232,12 @@ def describe_lane(lane: Lane | None) -> list[str]:
 
 
 def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
-    """A function for `process_video` that tracks the lane, draws on each frame and returns it with its telemetry.
+    """A function for `process_video` that tracks the lane, draws on each frame and
+    returns it with its telemetry.
 
-    The function is called as process(frame, elapsed_s=None), with the frames in order; it draws on the frame itself.
-    The telemetry has the time that the tracker took, `latency_ms`.
+    The function is called as process(frame, elapsed_s=None), with the frames in order;
+    it draws on the frame itself. The telemetry has the time that the tracker took,
+    `latency_ms`.
     """
 
     def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
@@ -232,7 +252,9 @@ def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tu
 
 
 def _view_panel(view_image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
-    """The bird's-eye view, darkened, with the lines up to their reach; dotted if the lane is uncertain."""
+    """The bird's-eye view, darkened, with the lines up to their reach; dotted if the
+    lane is uncertain.
+    """
     panel = view.blacken(view_image) // 2
     for k, line in enumerate(lane.lines if lane else ()):
         y_m = lines_on_view(line.model[None], view.x_m, view.height_m)[0, k]
@@ -263,7 +285,9 @@ def _draw_inset(image: np.ndarray, lane: Lane | None, camera: Camera, evidence: 
 def _mosaic(
     image: np.ndarray, drawn: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None
 ) -> np.ndarray:
-    """The annotated image, the bird's-eye view, the marking response and the fit together."""
+    """The annotated image, the bird's-eye view, the marking response and the fit
+    together.
+    """
     if evidence is None:
         view = BirdsEyeView(camera)
         evidence = find_evidence(image, view, quick=True)
@@ -280,7 +304,9 @@ def _mosaic(
 
 
 def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]) -> np.ndarray:
-    """An image of the size of `main`: main at 2/3 scale, three panels with titles on its right, text below it."""
+    """An image of the size of `main`: main at 2/3 scale, three panels with titles on
+    its right, text below it.
+    """
     height, width = main.shape[:2]
     split, third = 2 * width // 3, height // 3
     mosaic = np.full_like(main, canvas.PANEL_COLOUR)
