@@ -25,7 +25,8 @@ from av.sidedata.sidedata import Type as SideDataType
 from av.video.reformatter import VideoReformatter
 
 from lanes.console import progress_bar
-from lanes.errors import ByValue, VideoError, require_number
+from lanes.equality import ByValue
+from lanes.errors import VideoError, require_number
 from lanes.files import require_file
 from lanes.ros.robot_log import index_log, is_robot_log, read_log
 from lanes.video import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
