@@ -39,7 +39,11 @@ _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a so
 
 
 def require_file(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+    path: str | Path,
+    kind: str,
+    *,
+    error: type[ValueError] = ValueError,
+    max_bytes: int | None = None,
 ) -> Path:
     """The path, if it is a readable, ordinary file; a pipe would block the reader, a
     device would fill the memory.
@@ -53,10 +57,13 @@ def require_file(
     except PermissionError as refused:
         raise error(NO_PERMISSION.format(path)) from refused
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
-        raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
+        raise FileNotFoundError(
+            f"{path}: there is no such {kind} file; check the name and the folder."
+        ) from missing
     if not stat.S_ISREG(found.st_mode):
-        in_folder = f"name a {kind} file in it, or {path / '*'} for all of them"
-        remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
+        remedy = f"name a {kind} file"
+        if stat.S_ISDIR(found.st_mode):
+            remedy += f" in it, or {path / '*'} for all of them"
         raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
     if not os.access(path, os.R_OK):
         raise error(NO_PERMISSION.format(path))
@@ -65,8 +72,7 @@ def require_file(
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(
             f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of "
-            f"a {kind} file "
-            f"({max_bytes / 1e6:g} MB); name another file."
+            f"a {kind} file ({max_bytes / 1e6:g} MB); name another file."
         )
     return path
 
@@ -77,11 +83,18 @@ def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> N
     real_inputs = {os.path.realpath(path) for path in inputs}
     for output in outputs:
         if os.path.realpath(output) in real_inputs:
-            raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
+            raise ValueError(
+                f"{output}: is one of the inputs and would be overwritten; name "
+                "another file or folder."
+            )
 
 
 def read_text(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+    path: str | Path,
+    kind: str,
+    *,
+    error: type[ValueError] = ValueError,
+    max_bytes: int | None = None,
 ) -> str:
     """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and
     `error` if it is not UTF-8.
@@ -90,7 +103,10 @@ def read_text(
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
-        raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+        raise error(
+            f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a "
+            f"{kind} file."
+        ) from wrong
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -98,7 +114,8 @@ class _PlainLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
+            line = self.peek_event().start_mark.line + 1
+            raise yaml.YAMLError(f"line {line} has an alias, which is not allowed")
         return super().compose_node(parent, index)
 
 
@@ -107,6 +124,10 @@ def parse_yaml(text: str) -> Any:
     and aliases.
     """
     return yaml.load(text, _PlainLoader)
+
+
+# Bytes of the numbers of fixed length in a protobuf message, by their wire type.
+_FIXED_LENGTHS = {1: 8, 5: 4}
 
 
 def protobuf_fields(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
@@ -120,27 +141,33 @@ def protobuf_fields(data: bytes) -> Iterator[tuple[int, bytes, Any]]:
     while at < len(data):
         begin = at
         tag, at = _read_varint(data, at)
-        wire, length, content = tag & 7, {1: 8, 5: 4}.get(tag & 7, 0), None
+        wire = tag & 7
+        number = None
+        length = 0
         if wire == 0:
-            content, at = _read_varint(data, at)
+            number, at = _read_varint(data, at)
         elif wire == 2:
             length, at = _read_varint(data, at)
-        if at + length > len(data) or not (length or wire in (0, 2)):
+        elif wire in _FIXED_LENGTHS:
+            length = _FIXED_LENGTHS[wire]
+        end = at + length
+        if end > len(data) or wire not in (0, 2, *_FIXED_LENGTHS):
             raise IndexError("a protobuf message is cut off or damaged")
-        yield tag >> 3, data[begin : at + length], data[at : at + length] if content is None else content
-        at += length
+        content = data[at:end] if number is None else number
+        yield tag >> 3, data[begin:end], content
+        at = end
 
 
 def _read_varint(data: bytes, at: int) -> tuple[int, int]:
     """A number of variable length, and the place behind it."""
-    number = shift = 0
-    while True:
-        number |= (data[at] & 127) << shift
-        at, shift = at + 1, shift + 7
-        if data[at - 1] < 128:
+    number = 0
+    for shift in range(0, 70, 7):
+        byte = data[at]
+        at += 1
+        number |= (byte & 127) << shift
+        if byte < 128:
             return number, at
-        if shift > 63:
-            raise IndexError("a protobuf message is damaged")
+    raise IndexError("a protobuf message is damaged")
 
 
 def list_files(folder: str | Path) -> list[Path]:
@@ -153,13 +180,19 @@ def list_files(folder: str | Path) -> list[Path]:
     if folder.is_file():
         raise ValueError(f"{folder}: is a file; name the folder that holds it.")
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
+        raise FileNotFoundError(
+            f"{folder}: there is no such folder; name the folder that holds the files."
+        )
     try:
         found = [path for path in folder.iterdir() if path.is_file()]
     except PermissionError as error:
         raise ValueError(NO_PERMISSION.format(folder)) from error
     # macOS adds hidden files such as ._board1.png.
-    return [path for path in found if _PARTIAL not in path.name and not path.name.startswith(".")]
+    return [path for path in found if not _is_hidden(path)]
+
+
+def _is_hidden(path: Path) -> bool:
+    return path.name.startswith(".") or _PARTIAL in path.name
 
 
 def hash_sources(*sources: Path) -> str:
@@ -168,25 +201,37 @@ def hash_sources(*sources: Path) -> str:
     """
     digest = hashlib.sha256()
     for source in sources:
-        for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
-            name = file.relative_to(source).as_posix() if file != source else file.name
-            digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+        files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+        for file in files:
+            name = file.name
+            if file != source:
+                name = file.relative_to(source).as_posix()
+            digest.update(f"{name}\0".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:12]
 
 
-def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None) -> Iterator[tuple[int, Any]]:
+def read_json_lines(
+    path: str | Path, kind: str, *, max_bytes: int | None = None
+) -> Iterator[tuple[int, Any]]:
     """Number and content of each line of a file of JSON lines, without blank ones;
     ValueError names a line that is bad.
 
     `kind` is what a line holds, for the message.
     """
+    text = read_text(path, kind, max_bytes=max_bytes)
     # Not splitlines: it also splits at characters that JSON allows inside strings.
-    for number, line in enumerate(read_text(path, kind, max_bytes=max_bytes).split("\n"), 1):
+    for number, line in enumerate(text.split("\n"), 1):
+        if not line.strip():
+            continue
         try:
-            if line.strip():
-                yield number, json.loads(line)
+            content = json.loads(line)
         except (ValueError, RecursionError) as error:
-            raise ValueError(f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as JSON.") from error
+            raise ValueError(
+                f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as "
+                "JSON."
+            ) from error
+        yield number, content
 
 
 def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
@@ -195,7 +240,8 @@ def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Pat
     Raises OSError if the file cannot be written.
     """
     text = "".join(json.dumps(row) + "\n" for row in rows)
-    write_atomically(path, text.encode() or b"\n")  # an empty file would be refused as a failed copy
+    # an empty file would be refused as a failed copy
+    write_atomically(path, text.encode() or b"\n")
     return Path(path)
 
 
@@ -292,7 +338,8 @@ def translate_write_errors(path: Path) -> Iterator[None]:
         remedy = "choose another folder or free some space"
         if error.errno == errno.ENAMETOOLONG:
             remedy = "rename the source, or give a shorter name"
-        raise type(error)(f"{path}: cannot be written ({error.strerror or error}); {remedy}.") from error
+        reason = error.strerror or error
+        raise type(error)(f"{path}: cannot be written ({reason}); {remedy}.") from error
 
 
 def _describe_kind(found: os.stat_result) -> str:
@@ -324,7 +371,8 @@ class TelemetryWriter:
         table = io.StringIO()
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(self._columns)
-        writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
+        for row in zip(*self._columns.values(), strict=True):
+            writer.writerow(map(_field, row))
         # File names of stills may contain bytes that are not UTF-8.
         write_atomically(self.path, table.getvalue().encode(errors="replace"))
 
@@ -345,8 +393,10 @@ class TelemetryWriter:
         """One array (rows,) for each column, as `read_telemetry` returns them."""
         table = {}
         for name, values in self._columns.items():
-            is_text = any(isinstance(value, str) for value in values)
-            table[name] = np.array([value or "" for value in values]) if is_text else np.array(values, float)
+            if any(isinstance(value, str) for value in values):
+                table[name] = np.array([value or "" for value in values])
+            else:
+                table[name] = np.array(values, float)
         return table
 
 
@@ -370,12 +420,20 @@ def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
         header, *rows = csv.reader(io.StringIO(text))
         if "frame" not in header:
             raise ValueError("its header names no column 'frame'")
-        columns = list(zip(*rows, strict=True)) or [()] * len(header)
+        columns = list(zip(*rows, strict=True))
+        if not columns:
+            columns = [()] * len(header)
         if len(columns) != len(header):
             raise ValueError("header and rows differ in length")
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: is not a telemetry table ({error}); write it with write_telemetry.") from error
-    return {name: _column(fields) for name, fields in zip(header, columns, strict=True)}
+        raise ValueError(
+            f"{path}: is not a telemetry table ({error}); write it with "
+            "write_telemetry."
+        ) from error
+    table = {}
+    for name, fields in zip(header, columns, strict=True):
+        table[name] = _column(fields)
+    return table
 
 
 def _field(value: object) -> object:
@@ -390,6 +448,6 @@ def _field(value: object) -> object:
 
 def _column(fields: tuple[str, ...]) -> np.ndarray:
     try:
-        return np.array([float(field) if field else np.nan for field in fields])
+        return np.array([float(field or "nan") for field in fields])
     except ValueError:
         return np.array(fields)
