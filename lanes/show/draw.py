@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,6 +28,7 @@ from lanes.detect.road import SIDES, lines_on_view
 from lanes.tracking.tracker import LaneTracker
 
 Row = dict[str, str | float | None]
+Palette = Mapping[str, canvas.Colour]
 # What each style draws.
 PARTS = ("area", "lines", "far lines", "words", "inset")
 STYLES: Mapping[str, Collection[str]] = {
@@ -35,7 +37,7 @@ STYLES: Mapping[str, Collection[str]] = {
     "inset": PARTS,
     "mosaic": ("area", "lines", "far lines", "words"),
 }
-COLOURS: Mapping[str, canvas.Colour] = {
+COLOURS: Palette = {
     "area": canvas.LANE_COLOUR,
     "left": canvas.LEFT_COLOUR,
     "right": canvas.RIGHT_COLOUR,
@@ -46,7 +48,8 @@ COLOURS: Mapping[str, canvas.Colour] = {
 # A line that is seen up to the border of the image is drawn from this distance on,
 # which is below it. The border has this share of the image's shorter side. Otherwise
 # the bonnet or a car hides the road before the nearest marking.
-NEAREST_M, BORDER_SHARE = 0.5, 0.02
+NEAREST_M = 0.5
+BORDER_SHARE = 0.02
 # Points of the outlines, at distances that grow by a factor that falls with the
 # distance, because distant bends look sharpest in the image: 24 points deviate by less
 # than 0.4 px from bends of 150 m radius over 60 m.
@@ -54,12 +57,17 @@ SHARES = np.sqrt(np.linspace(0, 1, 24))
 # Width of a ribbon: that of narrow paint, so that the edges of most lines stay visible
 # beside it.
 RIBBON_M = 0.1
-# Width of dots and their distance; those of a hint: the root of the image's area
-# divided by this.
-DOT_SHARES, HINT_SHARES = (220, 70), (480, 35)
-# Half width of the views of the road in the inset and in the mosaic; the share of the
-# image that the inset takes.
-SHOWN_HALF_WIDTH_M, INSET_SHARE = 4.5, (0.2, 0.42)
+# The root of the image's area divided by the width of a dot, and by the distance of
+# two; and those of a hint.
+ROOT_PER_DOT = 220
+ROOT_PER_DOT_STEP = 70
+ROOT_PER_HINT_DOT = 480
+ROOT_PER_HINT_DOT_STEP = 35
+# Half width of the views of the road in the inset and in the mosaic.
+SHOWN_HALF_WIDTH_M = 4.5
+# Width and height of the inset, shares of the image.
+INSET_WIDTH_SHARE = 0.2
+INSET_HEIGHT_SHARE = 0.42
 NO_POINTS = np.empty((0, 2))
 
 
@@ -84,7 +92,7 @@ def draw_lane(
     *,
     style: str = "lane",
     parts: Collection[str] | None = None,
-    colours: Mapping[str, canvas.Colour] | None = None,
+    colours: Palette | None = None,
     thickness: float = 1.0,
     opacity: float = 0.3,
     evidence: Evidence | None = None,
@@ -127,45 +135,92 @@ def draw_lane(
         If the image is not RGB or not of the camera's size.
     """
     _require_known("style", [style], STYLES)
-    parts = STYLES[style] if parts is None else parts
+    if parts is None:
+        parts = STYLES[style]
     _require_known("part", parts, PARTS)
     _require_known("colour", colours or (), COLOURS)
     if not (0 < thickness < np.inf and 0 <= opacity <= 1):
-        raise ValueError(f"give a thickness above 0 and an opacity from 0 to 1, not {thickness:g} and {opacity:g}.")
-    camera = require_camera(camera or (lane.camera if lane else None))
+        raise ValueError(
+            "give a thickness above 0 and an opacity from 0 to 1, not "
+            f"{thickness:g} and {opacity:g}."
+        )
+    if not camera:
+        camera = lane.camera if lane else None
+    camera = require_camera(camera)
     image = camera.require_size(image)
     outline = lane_outline(lane, camera, thickness=thickness) if lane else None
-    inset = _draw_inset(image, lane, camera, evidence) if "inset" in parts else None
+    inset = None
+    if "inset" in parts:
+        inset = _draw_inset(image, lane, camera, evidence)
+
     # copied last, because a whole image evicts everything else from the processor's
     # cache
     drawn = image.copy() if onto is None else onto
     if lane and outline:
-        used = {**COLOURS, **(colours or {})}
+        palette = {**COLOURS, **(colours or {})}
         if "area" in parts and len(outline.area):
-            canvas.blend_polygon(drawn, outline.area, used["area"], opacity, edge=cv2.LINE_8)
-        root_px = float(np.sqrt(camera.width * camera.height))
-        likely, stated = lane.confidence >= LIKELY_CONFIDENCE, lane.confidence >= LEAST_CONFIDENCE
-        width_share, step_share = DOT_SHARES if stated else HINT_SHARES
-        dot_px, step_px = max(thickness * root_px / width_share, 1.0), root_px / step_share
-        for name, ribbon, dotted in zip(("left", "right"), outline.ribbons, outline.dotted, strict=True):
-            if "lines" in parts:
-                canvas.fill_polygon(drawn, ribbon, used[name])
-                canvas.draw_dots(drawn, dotted, used[name if likely else "uncertain"], dot_px, step_px)
-        for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
-            if far and "far lines" in parts:
-                far_px = thickness * root_px / DOT_SHARES[0]
-                canvas.draw_polyline(drawn, far.seen_pixels(camera), used[name], far_px)
+            area = palette["area"]
+            canvas.blend_polygon(drawn, outline.area, area, opacity, edge=cv2.LINE_8)
+        if "lines" in parts:
+            _draw_lines(drawn, lane, camera, outline, palette, thickness)
+        if "far lines" in parts:
+            _draw_far_lines(drawn, lane, camera, palette, thickness)
     if inset is not None:
-        drawn[: inset.shape[0], -inset.shape[1] :] = inset
+        height, width = inset.shape[:2]
+        drawn[:height, -width:] = inset
     if "words" in parts:
         canvas.put_text(drawn, describe_lane(lane))
-    return _mosaic(image, drawn, lane, camera, evidence) if style == "mosaic" else drawn
+    if style == "mosaic":
+        return _mosaic(image, drawn, lane, camera, evidence)
+    return drawn
 
 
 def _require_known(what: str, names: Collection[str], known: Collection[str]) -> None:
     for name in names:
         if name not in known:
-            raise ValueError(f"there is no {what} {name!r}; the {what}s are {', '.join(known)}.")
+            raise ValueError(
+                f"there is no {what} {name!r}; the {what}s are {', '.join(known)}."
+            )
+
+
+def _draw_lines(
+    drawn: np.ndarray,
+    lane: Lane,
+    camera: Camera,
+    outline: LaneOutline,
+    palette: Palette,
+    thickness: float,
+) -> None:
+    """Draw the ribbons and dots of both lines of a lane."""
+    root_px = _root_px(camera)
+    if lane.confidence >= LEAST_CONFIDENCE:
+        dot_px = thickness * root_px / ROOT_PER_DOT
+        step_px = root_px / ROOT_PER_DOT_STEP
+    else:
+        dot_px = thickness * root_px / ROOT_PER_HINT_DOT
+        step_px = root_px / ROOT_PER_HINT_DOT_STEP
+    dot_px = max(dot_px, 1.0)
+    likely = lane.confidence >= LIKELY_CONFIDENCE
+    for k, name in enumerate(("left", "right")):
+        canvas.fill_polygon(drawn, outline.ribbons[k], palette[name])
+        colour = palette[name if likely else "uncertain"]
+        canvas.draw_dots(drawn, outline.dotted[k], colour, dot_px, step_px)
+
+
+def _draw_far_lines(
+    drawn: np.ndarray, lane: Lane, camera: Camera, palette: Palette, thickness: float
+) -> None:
+    """Draw the far lines of the adjacent lanes."""
+    width_px = thickness * _root_px(camera) / ROOT_PER_DOT
+    for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
+        if far:
+            points_px = far.seen_pixels(camera)
+            canvas.draw_polyline(drawn, points_px, palette[name], width_px)
+
+
+def _root_px(camera: Camera) -> float:
+    """Square root of the image's area."""
+    return float(np.sqrt(camera.width * camera.height))
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
@@ -174,43 +229,59 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
     A line without markings ends with the other one. See `draw_lane`.
     """
-    likely, start_m = lane.confidence >= LIKELY_CONFIDENCE, _start_m(lane, camera)
+    start_m = _start_m(lane, camera)
     ends_m = [max(end_m, start_m) for end_m in lane.ends_m]
     farthest_m = max(ends_m)
     if farthest_m <= start_m:
         return LaneOutline()
-    along_m = np.minimum(start_m * (farthest_m / start_m) ** SHARES, farthest_m)
-    along_m = np.sort(np.append(along_m, min(ends_m)))
+    along_m = start_m * (farthest_m / start_m) ** SHARES
+    along_m = np.append(np.minimum(along_m, farthest_m), min(ends_m))
+    along_m.sort()
+
     # the outer edge of each ribbon, or the line that is dotted, and the inner edges
+    likely = lane.confidence >= LIKELY_CONFIDENCE
     seen = [likely and line.seen for line in lane.lines]
     half_m = thickness * RIBBON_M / 2
     outer_m = np.where(seen, -half_m, 0.0)
     inner_m = np.full(2, half_m)
     inwards_m = np.array([outer_m, inner_m])
     sides = SIDES * (1 - 2 * inwards_m / lane.width_m)
-    pixels = project_lines(lane.model, sides.ravel(), camera, along_m).reshape(2, 2, -1, 2)
+    pixels = project_lines(lane.model, sides.ravel(), camera, along_m)
+    outer, inner = pixels.reshape(2, 2, -1, 2)
 
+    # each line up to its end
+    ribbons = [NO_POINTS, NO_POINTS]
+    dotted = [NO_POINTS, NO_POINTS]
     counts = np.searchsorted(along_m, ends_m, side="right").tolist()
+    for k, count in enumerate(counts):
+        if seen[k]:
+            ribbons[k] = _polygon_between(outer[k, :count], inner[k, :count])
+        else:
+            dotted[k] = visible_part(outer[k, :count])
+    area = NO_POINTS
+    if likely:
+        left, right = inner[:, : min(counts)]
+        area = _polygon_between(left, right)
+    return LaneOutline(area, ribbons, dotted)
 
-    def polygon(lines: np.ndarray, count: int) -> np.ndarray:
-        first, second = (visible_part(line[:count]) for line in lines)
-        return np.concatenate([first, second[::-1]])
 
-    ribbons = [polygon(pixels[:, k], count) if seen[k] else NO_POINTS for k, count in enumerate(counts)]
-    dotted = [NO_POINTS if seen[k] else visible_part(pixels[0, k, :count]) for k, count in enumerate(counts)]
-    return LaneOutline(polygon(pixels[1], min(counts)) if likely else NO_POINTS, ribbons, dotted)
+def _polygon_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The polygon between the visible parts of two lines (N, 2)."""
+    return np.concatenate([visible_part(one), visible_part(other)[::-1]])
 
 
 def _start_m(lane: Lane, camera: Camera) -> float:
     """Where the drawing begins: at the nearest marking seen, or below the image if that
     is at the image's border.
     """
-    nearest = min((line for line in lane.lines if line.start_m), key=lambda line: line.start_m, default=None)
-    if nearest is None:
+    marked = [line for line in lane.lines if line.start_m]
+    if not marked:
         return NEAREST_M
-    pixel = nearest.pixels(camera, along_m=nearest.start_m * np.array([1.0, 1.1]))[:1]
+    nearest = min(marked, key=attrgetter("start_m"))
+    along_m = nearest.start_m * np.array([1.0, 1.1])
+    first = nearest.pixels(camera, along_m=along_m)[:1]
     margin_px = BORDER_SHARE * min(camera.size)
-    inside = (pixel > margin_px) & (pixel < np.array(camera.size) - margin_px)
+    inside = (first > margin_px) & (first < np.array(camera.size) - margin_px)
     return nearest.start_m if inside.all() else NEAREST_M
 
 
@@ -231,7 +302,9 @@ def describe_lane(lane: Lane | None) -> list[str]:
     return [words for words in lines if words]
 
 
-def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tuple[np.ndarray, Row]]:
+def track_lane(
+    tracker: LaneTracker, *, style: str = "lane"
+) -> Callable[..., tuple[np.ndarray, Row]]:
     """A function for `process_video` that tracks the lane, draws on each frame and
     returns it with its telemetry.
 
@@ -240,33 +313,53 @@ def track_lane(tracker: LaneTracker, *, style: str = "lane") -> Callable[..., tu
     `latency_ms`.
     """
 
-    def process(frame: np.ndarray, elapsed_s: float | None = None) -> tuple[np.ndarray, Row]:
+    def process(
+        frame: np.ndarray, elapsed_s: float | None = None
+    ) -> tuple[np.ndarray, Row]:
         began_s = time.perf_counter()
         lane = tracker.update(frame, elapsed_s=elapsed_s)
-        latency_ms = round(1e3 * (time.perf_counter() - began_s), 3)
-        onto = None if style == "mosaic" else frame
-        drawn = draw_lane(frame, lane, tracker.camera, style=style, evidence=tracker.evidence, onto=onto)
-        return drawn, telemetry_row(lane) | {"latency_ms": latency_ms}
+        took_s = time.perf_counter() - began_s
+        drawn = draw_lane(
+            frame,
+            lane,
+            tracker.camera,
+            style=style,
+            evidence=tracker.evidence,
+            # the mosaic needs the image itself
+            onto=None if style == "mosaic" else frame,
+        )
+        row = telemetry_row(lane)
+        row["latency_ms"] = round(1e3 * took_s, 3)
+        return drawn, row
 
     return process
 
 
-def _view_panel(view_image: np.ndarray, lane: Lane | None, view: BirdsEyeView) -> np.ndarray:
+def _view_panel(
+    view_image: np.ndarray, lane: Lane | None, view: BirdsEyeView
+) -> np.ndarray:
     """The bird's-eye view, darkened, with the lines up to their reach; dotted if the
     lane is uncertain.
     """
     panel = view.blacken(view_image) // 2
-    for k, line in enumerate(lane.lines if lane else ()):
+    if lane:
+        _draw_lines_on_view(panel, lane, view)
+    return panel[:, _shown(view)]
+
+
+def _draw_lines_on_view(panel: np.ndarray, lane: Lane, view: BirdsEyeView) -> None:
+    likely = lane.confidence >= LIKELY_CONFIDENCE
+    for k, name in enumerate(("left", "right")):
+        line = lane.lines[k]
         y_m = lines_on_view(line.model[None], view.x_m, view.height_m)[0, k]
         rows = np.flatnonzero(view.x_m <= max(line.reach_m, view.near_m))
         columns = (view.y_m[0] - y_m[rows]) / view.cell_m
         # without the rows that a line does not pass
         points_px = canvas.finite_points(np.column_stack([columns, rows]))
-        if lane and lane.confidence >= LIKELY_CONFIDENCE:
-            canvas.draw_polyline(panel, points_px, COLOURS[("left", "right")[k]], 3)
+        if likely:
+            canvas.draw_polyline(panel, points_px, COLOURS[name], 3)
         else:
             canvas.draw_dots(panel, points_px, COLOURS["uncertain"], 3, 9)
-    return panel[:, _shown(view)]
 
 
 def _shown(view: BirdsEyeView) -> np.ndarray:
@@ -274,46 +367,71 @@ def _shown(view: BirdsEyeView) -> np.ndarray:
     return np.abs(view.y_m) <= SHOWN_HALF_WIDTH_M
 
 
-def _draw_inset(image: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None) -> np.ndarray:
+def _draw_inset(
+    image: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None
+) -> np.ndarray:
     """The bird's-eye view with the lines, of the size of the inset."""
-    view = evidence.view if evidence else BirdsEyeView(camera)
-    panel = _view_panel(evidence.view_image if evidence else view.warp(image), lane, view)
-    size = round(INSET_SHARE[0] * camera.width), round(INSET_SHARE[1] * camera.height)
-    return cv2.resize(panel, size, interpolation=cv2.INTER_AREA)
+    if evidence:
+        view = evidence.view
+        view_image = evidence.view_image
+    else:
+        view = BirdsEyeView(camera)
+        view_image = view.warp(image)
+    panel = _view_panel(view_image, lane, view)
+    width = round(INSET_WIDTH_SHARE * camera.width)
+    height = round(INSET_HEIGHT_SHARE * camera.height)
+    return cv2.resize(panel, (width, height), interpolation=cv2.INTER_AREA)
 
 
 def _mosaic(
-    image: np.ndarray, drawn: np.ndarray, lane: Lane | None, camera: Camera, evidence: Evidence | None
+    image: np.ndarray,
+    drawn: np.ndarray,
+    lane: Lane | None,
+    camera: Camera,
+    evidence: Evidence | None,
 ) -> np.ndarray:
     """The annotated image, the bird's-eye view, the marking response and the fit
     together.
     """
     if evidence is None:
-        view = BirdsEyeView(camera)
-        evidence = find_evidence(image, view, quick=True)
+        evidence = find_evidence(image, BirdsEyeView(camera), quick=True)
     view = evidence.view
+    view_image = evidence.view_image
     # paint in good condition has four times the smallest strength of a stripe
-    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / (4 * evidence.settings.min_strength))
+    brightest = 4 * evidence.settings.min_strength
+    strength = cv2.convertScaleAbs(evidence.response.strength, alpha=255 / brightest)
+    shown = _shown(view)
     panels = {
-        "bird's-eye view": view.blacken(evidence.view_image)[:, _shown(view)],
-        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, _shown(view)],
-        "fitted lines": _view_panel(evidence.view_image, lane, view),
+        "bird's-eye view": view.blacken(view_image)[:, shown],
+        "marking response": cv2.cvtColor(strength, cv2.COLOR_GRAY2RGB)[:, shown],
+        "fitted lines": _view_panel(view_image, lane, view),
     }
-    words = [f"{name}: {text}" for name, text in lane.summary().items()] if lane else ["no lane"]
+    words = ["no lane"]
+    if lane:
+        words = [f"{name}: {text}" for name, text in lane.summary().items()]
     return _arrange_mosaic(drawn, panels, words)
 
 
-def _arrange_mosaic(main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]) -> np.ndarray:
+def _arrange_mosaic(
+    main: np.ndarray, panels: Mapping[str, np.ndarray], lines: Sequence[str]
+) -> np.ndarray:
     """An image of the size of `main`: main at 2/3 scale, three panels with titles on
     its right, text below it.
     """
     height, width = main.shape[:2]
-    split, third = 2 * width // 3, height // 3
+    split = 2 * width // 3
+    third = height // 3
+    below = 2 * third
     mosaic = np.full_like(main, canvas.PANEL_COLOUR)
-    mosaic[: 2 * third, :split] = cv2.resize(main, (split, 2 * third), interpolation=cv2.INTER_AREA)
+    mosaic[:below, :split] = cv2.resize(
+        main, (split, below), interpolation=cv2.INTER_AREA
+    )
+    canvas.put_text(mosaic[below:, :split], lines, size_px=third // 10, panel_alpha=0)
+
+    size = (width - split - 2, third - 2)
     for number, (title, picture) in enumerate(panels.items()):
-        panel = cv2.resize(picture, (width - split - 2, third - 2), interpolation=cv2.INTER_LINEAR)
+        panel = cv2.resize(picture, size, interpolation=cv2.INTER_LINEAR)
         canvas.put_text(panel, title, size_px=third // 14)
-        mosaic[number * third : (number + 1) * third - 2, split + 2 :] = panel
-    canvas.put_text(mosaic[2 * third :, :split], lines, size_px=third // 10, panel_alpha=0)
+        top = number * third
+        mosaic[top : top + third - 2, split + 2 :] = panel
     return mosaic
