@@ -128,7 +128,7 @@ def sigint_blocked() -> Iterator[None]:
 def plain_warnings() -> Iterator[None]:
     """Print warnings as errors are printed: one line, without the place in the code."""
 
-    def show(message: Warning | str, *_: object) -> None:
+    def show(message: Warning | str, *_: Any, **__: Any) -> None:
         print(f"warning: {message}", file=sys.stderr)
 
     with warnings.catch_warnings():

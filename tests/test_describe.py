@@ -49,33 +49,26 @@ def test_times_with_minutes_and_hours(text, expected_s):
     assert seconds(text) == expected_s
 
 
-class Stderr(io.StringIO):
-    is_terminal = False
-
+class Terminal(io.StringIO):
     def isatty(self) -> bool:
-        return self.is_terminal
+        return True
 
 
-@pytest.fixture
-def stderr(monkeypatch) -> Stderr:
-    stream = Stderr()
-    monkeypatch.setattr(sys, "stderr", stream)
-    return stream
-
-
-def report_two_searches() -> None:
+def report_two_searches(monkeypatch, stderr: io.StringIO) -> str:
+    """What the progress line writes when a search begins again."""
+    monkeypatch.setattr(sys, "stderr", stderr)
     report = progress_line("pose")
     for done in (1, 2, 3, 1, 2, 3):
         report(done, 3)
+    return stderr.getvalue()
 
 
-def test_a_terminal_gets_a_bar_for_each_search(stderr):
-    stderr.is_terminal = True
-    report_two_searches()
+def test_a_terminal_gets_a_bar_for_each_search(monkeypatch):
+    written = report_two_searches(monkeypatch, Terminal())
     complete = r"\rpose: 100%.* 3/3 \[\d\d:\d\d<00:00.*\n"
-    assert len(re.findall(complete, stderr.getvalue())) == 2
+    assert len(re.findall(complete, written)) == 2
 
 
-def test_a_log_file_gets_the_last_state_of_each_search(stderr):
-    report_two_searches()
-    assert stderr.getvalue() == "pose: 3 of 3\npose: 3 of 3\n"
+def test_a_log_file_gets_the_last_state_of_each_search(monkeypatch):
+    written = report_two_searches(monkeypatch, io.StringIO())
+    assert written == "pose: 3 of 3\npose: 3 of 3\n"

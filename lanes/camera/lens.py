@@ -282,7 +282,7 @@ def parse_distortion(model: object, coefficients: Any) -> np.ndarray:
 
 def _count_coefficients(name: str) -> int:
     """Number of coefficients of the lens model with a name."""
-    known = []
+    known: list[str] = []
     for count, lens in LENS_MODELS.items():
         names = (lens.name, *lens.other_names)
         if name in names:
