@@ -179,10 +179,12 @@ def partly_doubtful() -> tuple[Camera, Boards]:
     for name in list(boards)[::2]:
         boards[name] = replace(boards[name], doubtful=True)
     # one row of corners is skipped, and the last one repeated nine pixels lower
-    skipped = boards["4.jpg"].corners_px.reshape(6, 9, 2)[[0, 1, 2, 4, 5, 5]]
+    board = boards["4.jpg"]
+    grid = board.corners_px.reshape(6, 9, 2)
+    skipped = grid[[0, 1, 2, 4, 5, 5]]
     skipped[-1] += (0, 9)
-    wrong = replace(boards["4.jpg"], corners_px=skipped.reshape(-1, 2))
-    return camera, boards | {"wrong.jpg": wrong}
+    boards["wrong.jpg"] = replace(board, corners_px=skipped.reshape(-1, 2))
+    return camera, boards
 
 
 def test_doubtful_boards_are_used_if_a_fisheye_lens_explains_them(partly_doubtful):
@@ -303,8 +305,10 @@ def described() -> tuple[Camera, str]:
     boards = true_boards(2, 3, 6, 8, 9, 10, 12, 13, 17, 19)
     # its error is not that of all
     boards["board2.jpg"] = true_board(2, noise_px=0.1)
-    part = boards["board17.jpg"].corners_px.reshape(6, 9, 2)[1:, 3:]
-    boards["board17.jpg"] = Board(part.reshape(-1, 2), 6, 5, SIZE)
+    # seen in part
+    grid = boards["board17.jpg"].corners_px.reshape(6, 9, 2)
+    part = grid[1:, 3:].reshape(-1, 2)
+    boards["board17.jpg"] = Board(part, 6, 5, SIZE)
     # cut a pixel later
     boards["board8.jpg"] = replace(boards["board8.jpg"], size=(1281, 721))
     boards["board10.jpg"] = replace(boards["board10.jpg"], size=(640, 480))

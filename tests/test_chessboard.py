@@ -42,12 +42,23 @@ def rms(errors: np.ndarray) -> float:
 def assert_is_a_grid_of(board: Board, true_px: np.ndarray) -> None:
     """The corners found are, in order, a block of the true 6 x 9 grid, maybe turned."""
     nearest = distances_px(board, true_px).argmin(axis=1)
-    assert len(np.unique(nearest)) == nearest.size
-    steps = set()
-    for index in np.divmod(nearest.reshape(board.rows, -1), 9):
-        for axis in (0, 1):
-            steps.add(tuple(np.unique(np.diff(index, axis=axis))))
-    assert steps in ({(0,), (1,)}, {(0,), (-1,)}, {(0,), (1,), (-1,)})
+    assert len(set(nearest.tolist())) == nearest.size
+    # a step to the next corner changes the true row by 1, or the true column
+    grid = nearest.reshape(board.rows, board.columns)
+    row_steps = steps_of(grid // 9)
+    column_steps = steps_of(grid % 9)
+    for along_rows, along_columns in zip(row_steps, column_steps, strict=True):
+        assert abs(along_rows) + abs(along_columns) == 1
+    assert np.abs(row_steps).tolist() in ([0, 1], [1, 0])
+
+
+def steps_of(index: np.ndarray) -> list[int]:
+    """The step of an index along each axis, which must be one number."""
+    steps = []
+    for axis in (0, 1):
+        (step,) = np.unique(np.diff(index, axis=axis))
+        steps.append(int(step))
+    return steps
 
 
 @pytest.mark.parametrize("number", [7, 19])
@@ -111,25 +122,27 @@ def painted_board(
     width, height = size
     centre = np.array(size) / 2
     turn = np.radians(turn_deg)
-    axes = square_px * np.array(
-        [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-    )
-    to_board = np.linalg.inv(axes).astype(np.float32)
-    v, u = np.mgrid[:height, :width].astype(np.float32)
+    c = square_px * np.cos(turn)
+    s = square_px * np.sin(turn)
+    axes = np.array([[c, -s], [s, c]])
+    to_board = np.linalg.inv(axes)
+    v, u = np.indices((height, width), np.float32)
     light = np.zeros(u.shape, np.float32)
     for shift in ((-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)):
         left, top = centre - shift
-        x, y = np.einsum("ij,jvu->ivu", to_board, np.stack([u - left, v - top]))
-        white = (np.floor(x + 5) + np.floor(y + 3.5)) % 2
+        x, y = np.tensordot(to_board, [u - left, v - top], axes=1)
+        column = np.floor(x + 5)
+        row = np.floor(y + 3.5)
+        white = (column + row) % 2
         on_board = (np.abs(x) < 5) & (np.abs(y) < 3.5)
         light += np.where(on_board, 20 + 200 * white, 235) / 4
 
+    blurred = cv2.GaussianBlur(light, (0, 0), 1)
     noise = np.random.default_rng(0).normal(0, 1, light.shape)
-    noisy = cv2.GaussianBlur(light, (0, 0), 1) + noise
-    gray = np.clip(noisy, 0, 255).astype(np.uint8)
-    y, x = np.mgrid[-2.5:3, -4:5]
-    corners = np.column_stack([x.ravel(), y.ravel()])
-    return cv2.cvtColor(gray, cv2.COLOR_GRAY2RGB), corners @ axes.T + centre
+    gray = np.clip(blurred + noise, 0, 255).astype(np.uint8)
+    y, x = np.mgrid[-2.5:3, -4:5].reshape(2, -1)
+    corners = np.column_stack([x, y]) @ axes.T + centre
+    return cv2.cvtColor(gray, cv2.COLOR_GRAY2RGB), corners
 
 
 def test_large_images_are_searched_small_and_measured_whole():

@@ -56,8 +56,18 @@ def row_at(x_m: float) -> float:
     return pixel_at(x_m, 0.0)[1]
 
 
+def draw(lane: Lane | None = LANE, **options: object) -> np.ndarray:
+    """The lane drawn on a copy of the image."""
+    return draw_lane(IMAGE, lane, SMALL, **options)
+
+
+def top_px(outline: np.ndarray) -> float:
+    return outline[:, 1].min()
+
+
 def is_colour(image: np.ndarray, name: str) -> np.ndarray:
-    return (np.abs(image.astype(int) - COLOURS[name]).max(axis=-1)) <= 30
+    difference = image.astype(int) - COLOURS[name]
+    return np.abs(difference).max(axis=-1) <= 30
 
 
 # Lines and area.
@@ -68,11 +78,12 @@ def is_colour(image: np.ndarray, name: str) -> np.ndarray:
 )
 def test_a_ribbon_lies_on_the_paint_and_is_as_wide_as_a_strip_of_the_road(side, x_m):
     truth = BENDS.truth(3 / 25)
-    y_m = truth.line_y(("left", "right").index(side), np.array([x_m]))[0]
+    number = ("left", "right").index(side)
+    (y_m,) = truth.line_y(number, np.array([x_m]))
     left, row = pixel_at(x_m, y_m + RIBBON_M / 2)
     right, _ = pixel_at(x_m, y_m - RIBBON_M / 2)
 
-    drawn = draw_lane(IMAGE, LANE, SMALL)
+    drawn = draw()
 
     across = np.flatnonzero(is_colour(drawn[round(row)], side))
     middle = (across.min() + across.max()) / 2
@@ -80,11 +91,15 @@ def test_a_ribbon_lies_on_the_paint_and_is_as_wide_as_a_strip_of_the_road(side, 
     assert np.ptp(across) == pytest.approx(right - left, abs=2.5)
 
 
-WIDE = Camera.from_fov((1280, 720), 60, CameraPose(3.0, pitch_rad=0.05))
-PORTRAIT = Camera.from_fov((480, 768), 60, CameraPose(0.9, pitch_rad=0.05))
+HIGH = CameraPose(3.0, pitch_rad=0.05)
+LOW = CameraPose(0.9, pitch_rad=0.05)
+CAMERAS = {
+    "wide": Camera.from_fov((1280, 720), 60, HIGH),
+    "portrait": Camera.from_fov((480, 768), 60, LOW),
+}
 
 
-@pytest.mark.parametrize("camera", [WIDE, PORTRAIT], ids=["wide", "portrait"])
+@pytest.mark.parametrize("camera", CAMERAS.values(), ids=CAMERAS)
 @pytest.mark.parametrize(
     ("style", "inside"), [("lane", [70, 136, 97]), ("lines", [100, 100, 100])]
 )
@@ -114,7 +129,9 @@ def test_nothing_is_drawn_on_the_bonnet(start_m):
     """What is nearer than the nearest marking that was ever seen is hidden."""
     first = round(row_at(start_m))
 
-    drawn = draw_lane(IMAGE, seen_from(LANE, start_m), SMALL)
+    lane = seen_from(LANE, start_m)
+
+    drawn = draw(lane)
 
     np.testing.assert_array_equal(drawn[first + 3 :], IMAGE[first + 3 :])
     assert (drawn[first - 10] != IMAGE[first - 10]).any()
@@ -128,13 +145,13 @@ def test_each_line_ends_with_its_evidence():
     outline = lane_outline(seen_up_to(LANE, 24.0, 14.0), SMALL)
 
     left, right = outline.ribbons
-    assert left[:, 1].min() == pytest.approx(row_at(24.0), abs=1.5)
-    assert right[:, 1].min() == pytest.approx(row_at(14.0), abs=1.5)
+    assert top_px(left) == pytest.approx(row_at(24.0), abs=1.5)
+    assert top_px(right) == pytest.approx(row_at(14.0), abs=1.5)
 
 
 def test_the_area_ends_with_the_nearer_line():
     outline = lane_outline(seen_up_to(LANE, 24.0, 14.0), SMALL)
-    assert outline.area[:, 1].min() == pytest.approx(row_at(14.0), abs=1.5)
+    assert top_px(outline.area) == pytest.approx(row_at(14.0), abs=1.5)
 
 
 def test_an_inferred_line_is_dotted_and_ends_with_the_other_one():
@@ -145,12 +162,13 @@ def test_an_inferred_line_is_dotted_and_ends_with_the_other_one():
 
     assert not len(outline.ribbons[1])
     assert not len(outline.dotted[0])
-    assert outline.dotted[1][:, 1].min() == pytest.approx(row_at(24.0), abs=1.0)
+    _, dotted = outline.dotted
+    assert top_px(dotted) == pytest.approx(row_at(24.0), abs=1.0)
 
 
 def test_a_lane_without_any_line_seen_is_drawn():
     lane = replace(LANE, evidence=(NOT_SEEN, NOT_SEEN))
-    assert draw_lane(IMAGE, lane, SMALL).shape == IMAGE.shape
+    assert draw(lane).shape == IMAGE.shape
 
 
 # What the confidence decides.
@@ -163,7 +181,7 @@ def test_only_a_likely_lane_is_filled(confidence, x_m):
     assert lane.confidence == pytest.approx(confidence)
     column, row = np.round(pixel_at(x_m, -0.3)).astype(int)
 
-    drawn = draw_lane(IMAGE, lane, SMALL)
+    drawn = draw(lane)
 
     is_filled = (drawn[row, column] != IMAGE[row, column]).any()
     assert is_filled == (confidence > 0.5)
@@ -183,7 +201,7 @@ def test_only_a_likely_lane_is_filled(confidence, x_m):
     ],
 )
 def test_a_likely_line_is_a_ribbon_and_others_are_dots(confidence, colour, least, most):
-    drawn = draw_lane(IMAGE, at(confidence, LANE), SMALL)
+    drawn = draw(at(confidence, LANE))
 
     left_half = drawn[round(row_at(16.0)) : -5, : SMALL.width // 2]
     covered = is_colour(left_half, colour).any(axis=1).mean()
@@ -221,31 +239,25 @@ def test_a_lane_that_is_hardly_possible_is_none_in_words():
 )
 def test_what_cannot_be_drawn_is_refused(options, words):
     with pytest.raises(ValueError, match=words):
-        draw_lane(IMAGE, LANE, SMALL, **options)
+        draw(**options)
 
 
 class TestTheArea:
     column, row = np.round(pixel_at(10.0, -0.3)).astype(int)
 
     def test_shines_through_by_its_opacity(self):
-        drawn = draw_lane(IMAGE, LANE, SMALL, parts=["area"])
+        drawn = draw(parts=["area"])
 
-        blended = 0.7 * IMAGE[self.row, self.column] + 0.3 * np.array(COLOURS["area"])
+        road = IMAGE[self.row, self.column]
+        blended = 0.7 * road + 0.3 * np.array(COLOURS["area"])
         np.testing.assert_allclose(drawn[self.row, self.column], blended, atol=1)
 
     def test_has_the_colour_asked_for(self):
-        drawn = draw_lane(
-            IMAGE,
-            LANE,
-            SMALL,
-            parts=["area"],
-            opacity=1.0,
-            colours={"area": (1, 2, 3)},
-        )
+        drawn = draw(parts=["area"], opacity=1.0, colours={"area": (1, 2, 3)})
         assert drawn[self.row, self.column].tolist() == [1, 2, 3]
 
     def test_comes_without_lines_if_they_are_no_part(self):
-        drawn = draw_lane(IMAGE, LANE, SMALL, parts=["area"])
+        drawn = draw(parts=["area"])
         assert not is_colour(drawn, "left").any()
 
 
@@ -263,8 +275,8 @@ FAR = replace(LANE, far_evidence=(LineEvidence(0.5, True, 20.0),) * 2)
     ids=["ribbon", "dots", "far left", "far right"],
 )
 def test_lines_are_as_thick_as_asked_for(lane, part, name):
-    thin = draw_lane(IMAGE, lane, SMALL, parts=[part])
-    thick = draw_lane(IMAGE, lane, SMALL, parts=[part], thickness=3.0)
+    thin = draw(lane, parts=[part])
+    thick = draw(lane, parts=[part], thickness=3.0)
 
     thin_px = is_colour(thin, name).sum()
     assert thin_px > 0
@@ -273,7 +285,7 @@ def test_lines_are_as_thick_as_asked_for(lane, part, name):
 
 @pytest.mark.parametrize("name", ["far left", "far right"])
 def test_far_lines_are_drawn_up_to_their_evidence_on_their_side(name):
-    drawn = draw_lane(IMAGE, FAR, SMALL, parts=["far lines"])
+    drawn = draw(FAR, parts=["far lines"])
 
     rows, columns = np.nonzero(is_colour(drawn, name))
     assert rows.min() == pytest.approx(row_at(20.0), abs=3)
@@ -281,12 +293,13 @@ def test_far_lines_are_drawn_up_to_their_evidence_on_their_side(name):
 
 
 def test_the_panel_of_the_words_is_dark_and_transparent():
-    drawn = draw_lane(IMAGE, None, SMALL)
-    np.testing.assert_allclose(drawn[2, 2], 0.4 * IMAGE[2, 2] + 0.6 * 19, atol=2)
+    drawn = draw(None)
+    blended = 0.4 * IMAGE[2, 2] + 0.6 * 19
+    np.testing.assert_allclose(drawn[2, 2], blended, atol=2)
 
 
 def test_without_parts_nothing_is_drawn():
-    drawn = draw_lane(IMAGE, LANE, SMALL, parts=[])
+    drawn = draw(parts=[])
     np.testing.assert_array_equal(drawn, IMAGE)
 
 
@@ -296,15 +309,15 @@ def test_without_parts_nothing_is_drawn():
 @pytest.mark.parametrize("style", STYLES)
 @pytest.mark.parametrize("lane", [LANE, None], ids=["found", "lost"])
 def test_styles_keep_the_shape_of_the_image(style, lane):
-    drawn = draw_lane(IMAGE, lane, SMALL, style=style)
+    drawn = draw(lane, style=style)
     assert drawn.shape == IMAGE.shape
     assert drawn.dtype == np.uint8
 
 
 @pytest.mark.parametrize("style", STYLES)
 def test_styles_show_the_lost_state(style):
-    found = draw_lane(IMAGE, LANE, SMALL, style=style)
-    lost = draw_lane(IMAGE, None, SMALL, style=style)
+    found = draw(style=style)
+    lost = draw(None, style=style)
 
     assert (lost != IMAGE).any()
     assert (found != lost).any(axis=2).mean() > 0.005
@@ -312,7 +325,7 @@ def test_styles_show_the_lost_state(style):
 
 def mosaic_panel(number: int) -> np.ndarray:
     """A panel of the mosaic with lines up to 12 m, without its left border."""
-    mosaic = draw_lane(IMAGE, seen_up_to(LANE, 12.0, 12.0), SMALL, style="mosaic")
+    mosaic = draw(seen_up_to(LANE, 12.0, 12.0), style="mosaic")
     height, width = IMAGE.shape[:2]
     top = number * height // 3
     bottom = (number + 1) * height // 3
@@ -327,14 +340,16 @@ def test_the_mosaic_shows_the_fit_where_the_lines_are():
     left = np.flatnonzero((red - green > 80).any(axis=0))
     right = np.flatnonzero((blue - red > 80).any(axis=0))
     px_per_m = fit.shape[1] / (2 * SHOWN_HALF_WIDTH_M)
-    middle_m = SHOWN_HALF_WIDTH_M + 0.3
-    assert np.median(left) == pytest.approx((middle_m - 1.8) * px_per_m, abs=6)
-    assert np.median(right) == pytest.approx((middle_m + 1.8) * px_per_m, abs=6)
+    middle_px = (SHOWN_HALF_WIDTH_M + 0.3) * px_per_m
+    half_px = 1.8 * px_per_m
+    assert np.median(left) == pytest.approx(middle_px - half_px, abs=6)
+    assert np.median(right) == pytest.approx(middle_px + half_px, abs=6)
 
 
 def test_a_line_of_the_mosaic_ends_with_its_evidence():
     fit = mosaic_panel(2)
-    assert not is_colour(fit[: len(fit) // 2], "left").any()
+    far_half = fit[: len(fit) // 2]
+    assert not is_colour(far_half, "left").any()
 
 
 def test_the_mosaic_shows_the_marking_response_in_grey():
@@ -344,6 +359,7 @@ def test_the_mosaic_shows_the_marking_response_in_grey():
 
 
 def test_the_inset_shows_the_lines_at_the_top_right():
-    drawn = draw_lane(IMAGE, seen_up_to(LANE, 12.0, 12.0), SMALL, style="inset")
+    drawn = draw(seen_up_to(LANE, 12.0, 12.0), style="inset")
     height, width = IMAGE.shape[:2]
-    assert is_colour(drawn[: height // 3, -width // 6 :], "left").any()
+    top_right = drawn[: height // 3, -width // 6 :]
+    assert is_colour(top_right, "left").any()
