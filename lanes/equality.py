@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -21,10 +20,8 @@ class ByValue:
 
     def __hash__(self) -> int:
         # Of what can be hashed at once; equal results have equal ones.
-        hashable = [
-            value for value in _values(self) if isinstance(value, int | float | str)
-        ]
-        return hash(tuple(hashable))
+        values = _values(self)
+        return hash(tuple(v for v in values if isinstance(v, int | float | str)))
 
 
 def _same_value(a: Any, b: Any) -> bool:
@@ -34,25 +31,22 @@ def _same_value(a: Any, b: Any) -> bool:
     if a is b:
         return True
     if isinstance(a, np.ndarray):
-        return isinstance(b, np.ndarray) and _same_array(a, b)
+        if not isinstance(b, np.ndarray) or a.dtype != b.dtype:
+            return False
+        return np.array_equal(a, b, equal_nan=a.dtype.kind in "fc")
     if type(a) is not type(b):
         return bool(a == b)
     if isinstance(a, dict):
-        return a.keys() == b.keys() and _same_all(a.values(), [b[key] for key in a])
-    if is_dataclass(a):
-        return _same_all(_values(a), _values(b))
+        if a.keys() != b.keys():
+            return False
+        b = [b[key] for key in a]
+        a = list(a.values())
+    elif is_dataclass(a):
+        a = _values(a)
+        b = _values(b)
     if isinstance(a, tuple | list):
-        return len(a) == len(b) and _same_all(a, b)
+        return len(a) == len(b) and all(map(_same_value, a, b))
     return bool(a == b)
-
-
-def _same_array(a: np.ndarray, b: np.ndarray) -> bool:
-    has_nan = a.dtype.kind in "fc"
-    return a.dtype == b.dtype and np.array_equal(a, b, equal_nan=has_nan)
-
-
-def _same_all(a: Iterable, b: Iterable) -> bool:
-    return all(map(_same_value, a, b))
 
 
 def _values(result: Any) -> list:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
@@ -85,6 +86,25 @@ class LaneOutline(NamedTuple):
     dotted: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
 
 
+@dataclass(frozen=True)
+class _Pen:
+    """What is drawn, and how; see `draw_lane`."""
+
+    parts: Collection[str]
+    colours: Palette
+    thickness: float
+    opacity: float
+
+    def __post_init__(self) -> None:
+        _require_known("part", self.parts, PARTS)
+        _require_known("colour", self.colours, COLOURS)
+        if not (0 < self.thickness < np.inf and 0 <= self.opacity <= 1):
+            raise ValueError(
+                "give a thickness above 0 and an opacity from 0 to 1, not "
+                f"{self.thickness:g} and {self.opacity:g}."
+            )
+
+
 def draw_lane(
     image: np.ndarray | str | Path,
     lane: Lane | None,
@@ -135,40 +155,30 @@ def draw_lane(
         If the image is not RGB or not of the camera's size.
     """
     _require_known("style", [style], STYLES)
-    if parts is None:
-        parts = STYLES[style]
-    _require_known("part", parts, PARTS)
-    _require_known("colour", colours or (), COLOURS)
-    if not (0 < thickness < np.inf and 0 <= opacity <= 1):
-        raise ValueError(
-            "give a thickness above 0 and an opacity from 0 to 1, not "
-            f"{thickness:g} and {opacity:g}."
-        )
+    pen = _Pen(
+        parts=STYLES[style] if parts is None else parts,
+        colours={**COLOURS, **(colours or {})},
+        thickness=thickness,
+        opacity=opacity,
+    )
     if not camera:
         camera = lane.camera if lane else None
     camera = require_camera(camera)
     image = camera.require_size(image)
     outline = lane_outline(lane, camera, thickness=thickness) if lane else None
     inset = None
-    if "inset" in parts:
+    if "inset" in pen.parts:
         inset = _draw_inset(image, lane, camera, evidence)
 
     # copied last, because a whole image evicts everything else from the processor's
     # cache
     drawn = image.copy() if onto is None else onto
     if lane and outline:
-        palette = {**COLOURS, **(colours or {})}
-        if "area" in parts and len(outline.area):
-            area = palette["area"]
-            canvas.blend_polygon(drawn, outline.area, area, opacity, edge=cv2.LINE_8)
-        if "lines" in parts:
-            _draw_lines(drawn, lane, camera, outline, palette, thickness)
-        if "far lines" in parts:
-            _draw_far_lines(drawn, lane, camera, palette, thickness)
+        _draw_parts(drawn, lane, camera, outline, pen)
     if inset is not None:
         height, width = inset.shape[:2]
         drawn[:height, -width:] = inset
-    if "words" in parts:
+    if "words" in pen.parts:
         canvas.put_text(drawn, describe_lane(lane))
     if style == "mosaic":
         return _mosaic(image, drawn, lane, camera, evidence)
@@ -183,44 +193,43 @@ def _require_known(what: str, names: Collection[str], known: Collection[str]) ->
             )
 
 
-def _draw_lines(
-    drawn: np.ndarray,
-    lane: Lane,
-    camera: Camera,
-    outline: LaneOutline,
-    palette: Palette,
-    thickness: float,
+def _draw_parts(
+    drawn: np.ndarray, lane: Lane, camera: Camera, outline: LaneOutline, pen: _Pen
 ) -> None:
-    """Draw the ribbons and dots of both lines of a lane."""
-    root_px = _root_px(camera)
+    """Draw area, lines and far lines, as far as they are asked for."""
+    if "area" in pen.parts and len(outline.area):
+        colour = pen.colours["area"]
+        canvas.blend_polygon(drawn, outline.area, colour, pen.opacity, edge=cv2.LINE_8)
+    root_px = float(np.sqrt(camera.width * camera.height))
+    if "lines" in pen.parts:
+        _draw_lines(drawn, lane, outline, pen, root_px)
+    if "far lines" in pen.parts:
+        width_px = pen.thickness * root_px / ROOT_PER_DOT
+        for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
+            if far:
+                points_px = far.seen_pixels(camera)
+                canvas.draw_polyline(drawn, points_px, pen.colours[name], width_px)
+
+
+def _draw_lines(
+    drawn: np.ndarray, lane: Lane, outline: LaneOutline, pen: _Pen, root_px: float
+) -> None:
+    """Draw the ribbons and dots of both lines of a lane.
+
+    `root_px` is the square root of the image's area.
+    """
     if lane.confidence >= LEAST_CONFIDENCE:
-        dot_px = thickness * root_px / ROOT_PER_DOT
+        dot_px = pen.thickness * root_px / ROOT_PER_DOT
         step_px = root_px / ROOT_PER_DOT_STEP
     else:
-        dot_px = thickness * root_px / ROOT_PER_HINT_DOT
+        dot_px = pen.thickness * root_px / ROOT_PER_HINT_DOT
         step_px = root_px / ROOT_PER_HINT_DOT_STEP
     dot_px = max(dot_px, 1.0)
     likely = lane.confidence >= LIKELY_CONFIDENCE
     for k, name in enumerate(("left", "right")):
-        canvas.fill_polygon(drawn, outline.ribbons[k], palette[name])
-        colour = palette[name if likely else "uncertain"]
+        canvas.fill_polygon(drawn, outline.ribbons[k], pen.colours[name])
+        colour = pen.colours[name if likely else "uncertain"]
         canvas.draw_dots(drawn, outline.dotted[k], colour, dot_px, step_px)
-
-
-def _draw_far_lines(
-    drawn: np.ndarray, lane: Lane, camera: Camera, palette: Palette, thickness: float
-) -> None:
-    """Draw the far lines of the adjacent lanes."""
-    width_px = thickness * _root_px(camera) / ROOT_PER_DOT
-    for name, far in zip(("far left", "far right"), lane.adjacent, strict=True):
-        if far:
-            points_px = far.seen_pixels(camera)
-            canvas.draw_polyline(drawn, points_px, palette[name], width_px)
-
-
-def _root_px(camera: Camera) -> float:
-    """Square root of the image's area."""
-    return float(np.sqrt(camera.width * camera.height))
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
