@@ -1,8 +1,10 @@
-"""Files in and out: checks of input files, atomic writes, locks on outputs, and telemetry (CSV).
+"""Files in and out: checks of input files, atomic writes, locks on outputs, and
+telemetry (CSV).
 
-An output is written to ``STEM.partial.SUFFIX`` in the same folder and renamed when it is complete. Meanwhile the writer
-holds a lock, which the operating system releases when the process ends. A second writer of the same output is refused;
-after a killed process the next run writes the same partial file again.
+An output is written to ``STEM.partial.SUFFIX`` in the same folder and renamed when it
+is complete. Meanwhile the writer holds a lock, which the operating system releases when
+the process ends. A second writer of the same output is refused; after a killed process
+the next run writes the same partial file again.
 """
 
 from __future__ import annotations
@@ -25,9 +27,11 @@ import yaml
 from filelock import FileLock, Timeout
 
 _PARTIAL = ".partial"
-# Suffix of the messages that are written next to the video of a robot log; other than that of a log.
+# Suffix of the messages that are written next to the video of a robot log; other than
+# that of a log.
 MESSAGES_SUFFIX = ".lane.mcap"
-# A second writer waits this long for the lock: as long as it takes to write a small file.
+# A second writer waits this long for the lock: as long as it takes to write a small
+# file.
 _LOCK_TIMEOUT_S = 1.0
 NO_PERMISSION = "{}: permission denied; get read permission, or copy it."
 # What is there instead of a file, by `stat`; anything else is a device.
@@ -35,12 +39,17 @@ _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a so
 
 
 def require_file(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+    path: str | Path,
+    kind: str,
+    *,
+    error: type[ValueError] = ValueError,
+    max_bytes: int | None = None,
 ) -> Path:
-    """The path, if it is a readable, ordinary file; a pipe would block the reader, a device would fill the memory.
+    """The path, if it is a readable, ordinary file; a pipe would block the reader, a
+    device would fill the memory.
 
-    `kind` is the expected content, for the error message: "image", "video". Raises FileNotFoundError if the file does
-    not exist, otherwise `error`.
+    `kind` is the expected content, for the error message: "image", "video". Raises
+    FileNotFoundError if the file does not exist, otherwise `error`.
     """
     path = Path(path)
     try:
@@ -48,10 +57,13 @@ def require_file(
     except PermissionError as refused:
         raise error(NO_PERMISSION.format(path)) from refused
     except (OSError, ValueError) as missing:  # ValueError: a NUL in the name
-        raise FileNotFoundError(f"{path}: there is no such {kind} file; check the name and the folder.") from missing
+        raise FileNotFoundError(
+            f"{path}: there is no such {kind} file; check the name and the folder."
+        ) from missing
     if not stat.S_ISREG(found.st_mode):
-        in_folder = f"name a {kind} file in it, or {path / '*'} for all of them"
-        remedy = in_folder if stat.S_ISDIR(found.st_mode) else f"name a {kind} file"
+        remedy = f"name a {kind} file"
+        if stat.S_ISDIR(found.st_mode):
+            remedy += f" in it, or {path / '*'} for all of them"
         raise error(f"{path}: is {_describe_kind(found)}; {remedy}.")
     if not os.access(path, os.R_OK):
         raise error(NO_PERMISSION.format(path))
@@ -59,8 +71,8 @@ def require_file(
         raise error(f"{path}: the file is empty; copy it again from its source.")
     if max_bytes is not None and found.st_size > max_bytes:
         raise error(
-            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of a {kind} file "
-            f"({max_bytes / 1e6:g} MB); name another file."
+            f"{path}: is {found.st_size / 1e6:.0f} MB large, more than the maximum of "
+            f"a {kind} file ({max_bytes / 1e6:g} MB); name another file."
         )
     return path
 
@@ -71,18 +83,30 @@ def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> N
     real_inputs = {os.path.realpath(path) for path in inputs}
     for output in outputs:
         if os.path.realpath(output) in real_inputs:
-            raise ValueError(f"{output}: is one of the inputs and would be overwritten; name another file or folder.")
+            raise ValueError(
+                f"{output}: is one of the inputs and would be overwritten; name "
+                "another file or folder."
+            )
 
 
 def read_text(
-    path: str | Path, kind: str, *, error: type[ValueError] = ValueError, max_bytes: int | None = None
+    path: str | Path,
+    kind: str,
+    *,
+    error: type[ValueError] = ValueError,
+    max_bytes: int | None = None,
 ) -> str:
-    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and `error` if it is not UTF-8."""
+    """The text of a UTF-8 file; parameters and exceptions as for `require_file`, and
+    `error` if it is not UTF-8.
+    """
     data = require_file(path, kind, error=error, max_bytes=max_bytes).read_bytes()
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as wrong:
-        raise error(f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a {kind} file.") from wrong
+        raise error(
+            f"{path}: is not a text file (byte {wrong.start} is not UTF-8); name a "
+            f"{kind} file."
+        ) from wrong
 
 
 class _PlainLoader(yaml.SafeLoader):
@@ -90,61 +114,90 @@ class _PlainLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: object) -> yaml.Node:
         if self.check_event(yaml.AliasEvent):
-            raise yaml.YAMLError(f"line {self.peek_event().start_mark.line + 1} has an alias, which is not allowed")
+            line = self.peek_event().start_mark.line + 1
+            raise yaml.YAMLError(f"line {line} has an alias, which is not allowed")
         return super().compose_node(parent, index)
 
 
 def parse_yaml(text: str) -> Any:
-    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags and aliases."""
+    """The numbers, strings, lists and mappings in YAML; raises yaml.YAMLError for tags
+    and aliases.
+    """
     return yaml.load(text, _PlainLoader)
 
 
 def list_files(folder: str | Path) -> list[Path]:
     """The files of a folder, without hidden and partial ones.
 
-    Raises FileNotFoundError if the folder does not exist, ValueError if it is not readable.
+    Raises FileNotFoundError if the folder does not exist, ValueError if it is not
+    readable.
     """
     folder = Path(folder)
     if folder.is_file():
         raise ValueError(f"{folder}: is a file; name the folder that holds it.")
     if not folder.is_dir():
-        raise FileNotFoundError(f"{folder}: there is no such folder; name the folder that holds the files.")
+        raise FileNotFoundError(
+            f"{folder}: there is no such folder; name the folder that holds the files."
+        )
     try:
         found = [path for path in folder.iterdir() if path.is_file()]
     except PermissionError as error:
         raise ValueError(NO_PERMISSION.format(folder)) from error
     # macOS adds hidden files such as ._board1.png.
-    return [path for path in found if _PARTIAL not in path.name and not path.name.startswith(".")]
+    return [path for path in found if not _is_hidden(path)]
+
+
+def _is_hidden(path: Path) -> bool:
+    return path.name.startswith(".") or _PARTIAL in path.name
 
 
 def hash_sources(*sources: Path) -> str:
-    """Twelve hexadecimal digits that change with the content of the files; a folder stands for its Python files."""
+    """Twelve hexadecimal digits that change with the content of the files; a folder
+    stands for its Python files.
+    """
     digest = hashlib.sha256()
     for source in sources:
-        for file in sorted(source.rglob("*.py")) if source.is_dir() else [source]:
-            name = file.relative_to(source).as_posix() if file != source else file.name
-            digest.update(f"{name}\0".encode() + hashlib.sha256(file.read_bytes()).digest())
+        files = sorted(source.rglob("*.py")) if source.is_dir() else [source]
+        for file in files:
+            name = file.name
+            if file != source:
+                name = file.relative_to(source).as_posix()
+            digest.update(f"{name}\0".encode())
+            digest.update(hashlib.sha256(file.read_bytes()).digest())
     return digest.hexdigest()[:12]
 
 
-def read_json_lines(path: str | Path, kind: str, *, max_bytes: int | None = None) -> Iterator[tuple[int, Any]]:
-    """Number and content of each line of a file of JSON lines, without blank ones; ValueError names a line that is bad.
+def read_json_lines(
+    path: str | Path, kind: str, *, max_bytes: int | None = None
+) -> Iterator[tuple[int, Any]]:
+    """Number and content of each line of a file of JSON lines, without blank ones;
+    ValueError names a line that is bad.
 
     `kind` is what a line holds, for the message.
     """
+    text = read_text(path, kind, max_bytes=max_bytes)
     # Not splitlines: it also splits at characters that JSON allows inside strings.
-    for number, line in enumerate(read_text(path, kind, max_bytes=max_bytes).split("\n"), 1):
+    for number, line in enumerate(text.split("\n"), 1):
+        if not line.strip():
+            continue
         try:
-            if line.strip():
-                yield number, json.loads(line)
+            content = json.loads(line)
         except (ValueError, RecursionError) as error:
-            raise ValueError(f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as JSON.") from error
+            raise ValueError(
+                f"{path}: line {number} is not a {kind} ({error!s:.200}); write it as "
+                "JSON."
+            ) from error
+        yield number, content
 
 
 def write_json_lines(path: str | Path, rows: Iterable[Mapping[str, Any]]) -> Path:
-    """Write a JSON object per line atomically; returns the path. Raises OSError if the file cannot be written."""
+    """Write a JSON object per line atomically; returns the path.
+
+    Raises OSError if the file cannot be written.
+    """
     text = "".join(json.dumps(row) + "\n" for row in rows)
-    write_atomically(path, text.encode() or b"\n")  # an empty file would be refused as a failed copy
+    # an empty file would be refused as a failed copy
+    write_atomically(path, text.encode() or b"\n")
     return Path(path)
 
 
@@ -157,10 +210,12 @@ def write_atomically(path: str | Path, data: bytes) -> None:
 
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
-    """The name of a partial file to write to; it is renamed to `path` after the block, or removed if the block raises.
+    """The name of a partial file to write to; it is renamed to `path` after the block,
+    or removed if the block raises.
 
-    A link is replaced at its target and stays a link. The folder is created where needed. Raises OSError if the file
-    cannot be written, or if another process is writing it; errors of the block are not reworded.
+    A link is replaced at its target and stays a link. The folder is created where
+    needed. Raises OSError if the file cannot be written, or if another process is
+    writing it; errors of the block are not reworded.
     """
     with ExitStack() as until_written:
         with translate_write_errors(path):
@@ -182,7 +237,9 @@ def atomic_write(path: Path) -> Iterator[Path]:
 
 
 def remove_partial(path: Path) -> None:
-    """Remove the partial file of an output whose writer has ended; that of another writer stays."""
+    """Remove the partial file of an output whose writer has ended; that of another
+    writer stays.
+    """
     partial, lock_path = partial_files(Path(os.path.realpath(path)))
     if partial.exists() or lock_path.exists():
         with suppress(OSError), locked(lock_path, timeout_s=0):
@@ -191,25 +248,33 @@ def remove_partial(path: Path) -> None:
 
 @contextmanager
 def locked(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
-    """Hold the lock file `path` during the block, and remove it. Raises OSError if another process holds it."""
+    """Hold the lock file `path` during the block, and remove it.
+
+    Raises OSError if another process holds it.
+    """
     lock = FileLock(path, timeout=timeout_s, thread_local=False)
     try:
         lock.acquire()
     except Timeout as error:
         raise OSError("another run is writing it; wait until that is done") from error
     except OSError:
-        pass  # a file system without locks, or one that refuses to write the partial file as well
+        # a file system without locks, or one that refuses to write the partial file as
+        # well
+        pass
     try:
         yield
     finally:
-        # Removed while locked: a process that waits for this lock notices and creates the file again.
+        # Removed while locked: a process that waits for this lock notices and creates
+        # the file again.
         with suppress(OSError):
             path.unlink()
         lock.release()
 
 
 def partial_files(path: Path) -> tuple[Path, Path]:
-    """The partial file of an output, and the lock of its writer; both are in the output's folder."""
+    """The partial file of an output, and the lock of its writer; both are in the
+    output's folder.
+    """
     stem = path.stem
     # File systems allow 255 bytes: longer names would leave no room for what is added.
     if len(os.fsencode(path.name)) > 230:
@@ -220,25 +285,31 @@ def partial_files(path: Path) -> tuple[Path, Path]:
 
 @contextmanager
 def translate_write_errors(path: Path) -> Iterator[None]:
-    """Reword an OSError raised in the block: the message names `path` and says what to do."""
+    """Reword an OSError raised in the block: the message names `path` and says what to
+    do.
+    """
     try:
         yield
     except OSError as error:
         remedy = "choose another folder or free some space"
         if error.errno == errno.ENAMETOOLONG:
             remedy = "rename the source, or give a shorter name"
-        raise type(error)(f"{path}: cannot be written ({error.strerror or error}); {remedy}.") from error
+        reason = error.strerror or error
+        raise type(error)(f"{path}: cannot be written ({reason}); {remedy}.") from error
 
 
 def _describe_kind(found: os.stat_result) -> str:
     return _KINDS.get(stat.S_IFMT(found.st_mode), "a device")
 
 
-# Telemetry: CSV with one row per frame and units in the column names; rendered videos have their truth in this form.
+# Telemetry: CSV with one row per frame and units in the column names; rendered videos
+# have their truth in this form.
 
 
 class TelemetryWriter:
-    """Writer of a CSV table: keeps the rows of a `with` block in memory, and writes them atomically at its end."""
+    """Writer of a CSV table: keeps the rows of a `with` block in memory, and writes
+    them atomically at its end.
+    """
 
     def __init__(self, path: str | Path) -> None:
         self.path = Path(path)
@@ -256,12 +327,15 @@ class TelemetryWriter:
         table = io.StringIO()
         writer = csv.writer(table, lineterminator="\n")
         writer.writerow(self._columns)
-        writer.writerows(map(_field, row) for row in zip(*self._columns.values(), strict=True))
+        for row in zip(*self._columns.values(), strict=True):
+            writer.writerow(map(_field, row))
         # File names of stills may contain bytes that are not UTF-8.
         write_atomically(self.path, table.getvalue().encode(errors="replace"))
 
     def write(self, row: Mapping[str, object]) -> None:
-        """Append a row: column name to value. Missing values, None and NaN become empty fields, truth values 1 and 0.
+        """Append a row: column name to value.
+
+        Missing values, None and NaN become empty fields, truth values 1 and 0.
 
         The table has the columns of all rows, in order of first appearance.
         """
@@ -275,8 +349,10 @@ class TelemetryWriter:
         """One array (rows,) for each column, as `read_telemetry` returns them."""
         table = {}
         for name, values in self._columns.items():
-            is_text = any(isinstance(value, str) for value in values)
-            table[name] = np.array([value or "" for value in values]) if is_text else np.array(values, float)
+            if any(isinstance(value, str) for value in values):
+                table[name] = np.array([value or "" for value in values])
+            else:
+                table[name] = np.array(values, float)
         return table
 
 
@@ -291,33 +367,43 @@ def write_telemetry(path: str | Path, rows: Iterable[Mapping[str, object]]) -> P
 def read_telemetry(path: str | Path) -> dict[str, np.ndarray]:
     """Read a telemetry or truth CSV into one array (rows,) for each column.
 
-    Columns of numbers become float64 with NaN for empty fields, all others str. Raises FileNotFoundError, or ValueError
-    if the file is not a CSV table with a header, a column "frame" and rows of equal length.
+    Columns of numbers become float64 with NaN for empty fields, all others str. Raises
+    FileNotFoundError, or ValueError if the file is not a CSV table with a header, a
+    column "frame" and rows of equal length.
     """
     text = read_text(path, "telemetry")
     try:
         header, *rows = csv.reader(io.StringIO(text))
         if "frame" not in header:
             raise ValueError("its header names no column 'frame'")
-        columns = list(zip(*rows, strict=True)) or [()] * len(header)
+        columns = list(zip(*rows, strict=True))
+        if not columns:
+            columns = [()] * len(header)
         if len(columns) != len(header):
             raise ValueError("header and rows differ in length")
     except (ValueError, csv.Error) as error:
-        raise ValueError(f"{path}: is not a telemetry table ({error}); write it with write_telemetry.") from error
-    return {name: _column(fields) for name, fields in zip(header, columns, strict=True)}
+        raise ValueError(
+            f"{path}: is not a telemetry table ({error}); write it with "
+            "write_telemetry."
+        ) from error
+    table = {}
+    for name, fields in zip(header, columns, strict=True):
+        table[name] = _column(fields)
+    return table
 
 
 def _field(value: object) -> object:
     if value is None:
         return ""
     if isinstance(value, (float, np.floating)):
-        # Nine digits resolve micrometres over kilometres and hide the last bits, which differ between processors.
+        # Nine digits resolve micrometres over kilometres and hide the last bits, which
+        # differ between processors.
         return "" if np.isnan(value) else f"{value:.9g}"
     return int(value) if isinstance(value, bool) else value
 
 
 def _column(fields: tuple[str, ...]) -> np.ndarray:
     try:
-        return np.array([float(field) if field else np.nan for field in fields])
+        return np.array([float(field or "nan") for field in fields])
     except ValueError:
         return np.array(fields)

@@ -1,4 +1,6 @@
-"""Measurements as text, times of the command line, and the progress line on a terminal and in a log file."""
+"""Measurements as text, times of the command line, and the progress line on a terminal
+and in a log file.
+"""
 
 from __future__ import annotations
 
@@ -34,24 +36,39 @@ from lanes.describe import describe_bend, describe_heading, describe_offset
         (describe_offset, (-0.3, 0.004), "0.30 ± 0.01 m right of centre"),
         (describe_heading, (0.01,), "0.6 deg to the left"),
         (describe_heading, (-8e-4,), "straight ahead"),
-        (seconds, ("83.5",), 83.5),
-        (seconds, ("1:23.5",), 83.5),
-        (seconds, ("2:01:05",), 7265.0),
     ],
 )
-def test_measurements_as_text_and_times_with_minutes_and_hours(describe, numbers, text):
+def test_measurements_as_text(describe, numbers, text):
     assert describe(*numbers) == text
 
 
-@pytest.mark.parametrize("terminal", [True, False], ids=["terminal", "log file"])
-def test_a_terminal_gets_a_bar_and_a_log_file_the_last_state(monkeypatch, terminal):
-    stream = io.StringIO()
-    stream.isatty = lambda: terminal
-    monkeypatch.setattr(sys, "stderr", stream)
+@pytest.mark.parametrize(
+    ("text", "expected_s"), [("83.5", 83.5), ("1:23.5", 83.5), ("2:01:05", 7265.0)]
+)
+def test_times_with_minutes_and_hours(text, expected_s):
+    assert seconds(text) == expected_s
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+def report_two_searches(monkeypatch, stderr: io.StringIO) -> str:
+    """What the progress line writes when a search begins again."""
+    monkeypatch.setattr(sys, "stderr", stderr)
     report = progress_line("pose")
-    for done in (1, 2, 3, 1, 2, 3):  # the second time, a search begins again
+    for done in (1, 2, 3, 1, 2, 3):
         report(done, 3)
-    if terminal:
-        assert len(re.findall(r"\rpose: 100%.* 3/3 \[\d\d:\d\d<00:00.*\n", stream.getvalue())) == 2
-    else:
-        assert stream.getvalue() == "pose: 3 of 3\npose: 3 of 3\n"
+    return stderr.getvalue()
+
+
+def test_a_terminal_gets_a_bar_for_each_search(monkeypatch):
+    written = report_two_searches(monkeypatch, Terminal())
+    complete = r"\rpose: 100%.* 3/3 \[\d\d:\d\d<00:00.*\n"
+    assert len(re.findall(complete, written)) == 2
+
+
+def test_a_log_file_gets_the_last_state_of_each_search(monkeypatch):
+    written = report_two_searches(monkeypatch, io.StringIO())
+    assert written == "pose: 3 of 3\npose: 3 of 3\n"

@@ -32,13 +32,8 @@ from lanes.camera.lens import (
     parse_camera_yaml,
     parse_distortion,
 )
-from lanes.errors import (
-    ByValue,
-    CameraError,
-    PictureError,
-    require_number,
-    require_type,
-)
+from lanes.equality import ByValue
+from lanes.errors import CameraError, PictureError, require_number, require_type
 from lanes.files import read_text, write_atomically
 from lanes.recording import MAX_PIXELS
 from lanes.video.images import require_rgb, upright_axes

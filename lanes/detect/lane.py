@@ -41,7 +41,7 @@ from lanes.detect.road import (
     propagated_std,
     road_height,
 )
-from lanes.errors import ByValue
+from lanes.equality import ByValue
 
 # States of a lane: detected in a single image; tracked, but not yet confirmed; tracked;
 # predicted while not seen.

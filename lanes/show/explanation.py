@@ -23,7 +23,8 @@ from lanes.detect.fit import FIT, Fit, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.road import CENTRE, CURVATURE, PITCH, SIDES, WIDTH, is_ego_lane, lateral_std_m
 from lanes.detect.search import Search, StillDetection, detect_still
-from lanes.errors import ByValue, CameraError
+from lanes.equality import ByValue
+from lanes.errors import CameraError
 from lanes.pose.change import describe_wrong_yaw
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame

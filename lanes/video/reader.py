@@ -25,7 +25,8 @@ from av.sidedata.sidedata import Type as SideDataType
 from av.video.reformatter import VideoReformatter
 
 from lanes.console import progress_bar
-from lanes.errors import ByValue, VideoError, require_number
+from lanes.equality import ByValue
+from lanes.errors import VideoError, require_number
 from lanes.files import require_file
 from lanes.recording import CLOCK_RESET_S, MAX_FPS, MAX_PIXELS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
 from lanes.ros.log_files import is_robot_log

@@ -37,47 +37,72 @@ def encode(
 ) -> Path:
     """Write RGB images, or frames of the pixel format, as a video; returns its path.
 
-    The `container` is that of the suffix, if it is not named. `numbers` are the places of the frames on the clock, by
-    default 0, 1, 2, ... `header` are attributes of the codec. `edit` is given the packets and returns those to write.
-    `sound` is the codec of a sound track from `sound_s` to the end of the last frame, with the tone of `add_tone`;
-    `audio` may have a rate and a layout.
+    The `container` is that of the suffix, if it is not named. `numbers` are the places
+    of the frames on the clock, by default 0, 1, 2, ... `header` are attributes of the
+    codec. `edit` is given the packets and returns those to write. `sound` is the codec
+    of a sound track from `sound_s` to the end of the last frame, with the tone of
+    `add_tone`; `audio` may have a rate and a layout.
     """
-    frames = [
-        image if isinstance(image, av.VideoFrame) else av.VideoFrame.from_ndarray(image).reformat(format=pixels)
-        for image in images
-    ]
-    numbers = range(len(frames)) if numbers is None else numbers
+    frames = [_as_frame(image, pixels) for image in images]
+    if numbers is None:
+        numbers = range(len(frames))
     # The clock of a transport stream of a recorder does not begin at 0.
     clock = {"output_ts_offset": "5"} if path.suffix == ".ts" else {}
     with av.open(str(path), "w", format=container, options=clock) as file:
         stream = file.add_stream(codec, rate=Fraction(fps), options=options or {})
-        stream.width, stream.height, stream.pix_fmt = frames[0].width, frames[0].height, pixels
-        full_range = {"color_range": 2} if pixels == "yuvj420p" else {}
-        for name, value in {**full_range, **(header or {})}.items():
+        stream.width = frames[0].width
+        stream.height = frames[0].height
+        stream.pix_fmt = pixels
+        if pixels == "yuvj420p":  # full range
+            stream.codec_context.color_range = 2
+        for name, value in (header or {}).items():
             setattr(stream.codec_context, name, value)
-        track = file.add_stream(sound, **{"rate": SOUND_HZ, "layout": "mono"} | audio) if sound else None
+        if sound:
+            audio = {"rate": SOUND_HZ, "layout": "mono"} | audio
+            track = file.add_stream(sound, **audio)
+
         packets = []
         for number, frame in zip(numbers, frames, strict=True):
-            frame.pts, frame.time_base = number, 1 / Fraction(fps)
+            frame.pts = number
+            frame.time_base = 1 / Fraction(fps)
             packets += stream.encode(frame)
         packets += stream.encode(None)
         file.mux(edit(packets) if edit else packets)
-        if track:
-            add_tone(file, track, sound_s, (numbers[-1] + 1) / float(fps), tone_s)
+        if sound:
+            end_s = (numbers[-1] + 1) / float(fps)
+            add_tone(file, track, sound_s, end_s, tone_s)
     return path
 
 
+def _as_frame(image: np.ndarray | av.VideoFrame, pixels: str) -> av.VideoFrame:
+    if isinstance(image, av.VideoFrame):
+        return image
+    return av.VideoFrame.from_ndarray(image).reformat(format=pixels)
+
+
 def add_tone(
-    file: OutputContainer, track: av.AudioStream, begin_s: float, end_s: float, tone_s: float | None = None
+    file: OutputContainer,
+    track: av.AudioStream,
+    begin_s: float,
+    end_s: float,
+    tone_s: float | None = None,
 ) -> None:
-    """Sound with a tone from `tone_s` on, by default in its second half, so that a shift is noticed."""
-    tone_s = (begin_s + end_s) / 2 if tone_s is None else tone_s
+    """Sound with a tone from `tone_s` on, by default in its second half, so that a
+    shift is noticed.
+    """
+    if tone_s is None:
+        tone_s = (begin_s + end_s) / 2
+    first = round(SOUND_HZ * begin_s)
+    last = round(SOUND_HZ * end_s)
     piece = SOUND_HZ // 50
-    for first in range(round(SOUND_HZ * begin_s), round(SOUND_HZ * end_s), piece):
-        times_s = np.arange(first, first + piece) / SOUND_HZ
+    for start in range(first, last, piece):
+        times_s = np.arange(start, start + piece) / SOUND_HZ
         wave = 0.5 * np.sin(2 * np.pi * 440 * times_s) * (times_s > tone_s)
-        frame = av.AudioFrame.from_ndarray((wave * 32767).astype(np.int16)[None], format="s16", layout="mono")
-        frame.sample_rate, frame.pts, frame.time_base = SOUND_HZ, first, Fraction(1, SOUND_HZ)
+        samples = (wave * 32767).astype(np.int16)[None]
+        frame = av.AudioFrame.from_ndarray(samples, format="s16", layout="mono")
+        frame.sample_rate = SOUND_HZ
+        frame.pts = start
+        frame.time_base = Fraction(1, SOUND_HZ)
         file.mux(track.encode(frame))
     file.mux(track.encode(None))
 
@@ -88,9 +113,13 @@ def write_clip(path: Path, frames: Iterable[np.ndarray]) -> Path:
 
 
 def write_drive(path: Path, drive: PaintedDrive, count: int) -> Path:
-    """Encode the first frames of a drive, and write its truth (.csv) and camera (.yaml) next to the video."""
-    times_s = [number / FPS for number in range(count)]
+    """Encode the first frames of a drive, and write its truth (.csv) and camera (.yaml)
+    next to the video.
+    """
+    times_s = np.arange(count) / FPS
     write_clip(path, map(drive.frame, times_s))
-    write_truth_csv(path.with_suffix(".csv"), [truth_row(drive.truth(t), frame=n) for n, t in enumerate(times_s)])
+    truths = map(drive.truth, times_s)
+    rows = [truth_row(truth, frame=number) for number, truth in enumerate(truths)]
+    write_truth_csv(path.with_suffix(".csv"), rows)
     save_camera(drive.camera, path.with_suffix(".yaml"))
     return path

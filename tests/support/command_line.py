@@ -21,27 +21,36 @@ PROGRAMS = {"benchmark": benchmark.__main__, "simulator": simulator.__main__}
 
 def main(arguments: list[str]) -> int:
     """Run a command in this process and return its exit status."""
-    program = PROGRAMS.get(arguments[0])
-    return program.main(arguments[1:]) if program else lanes.__main__.main(arguments)
+    name, *rest = arguments
+    if name in PROGRAMS:
+        return PROGRAMS[name].main(rest)
+    return lanes.__main__.main(arguments)
 
 
 def process(*arguments: object, python: tuple[str, ...] = ()) -> list[str]:
     """The argument list that starts a command as a new process."""
     words = [str(argument) for argument in arguments]
-    program = words if words and words[0] in PROGRAMS else ["lanes", *words]
-    return [sys.executable, *python, "-m", *program]
+    if not words or words[0] not in PROGRAMS:
+        words = ["lanes", *words]
+    return [sys.executable, *python, "-m", *words]
 
 
 def popen(
-    command: list[str], *, cwd: Path = ROOT, limit_bytes: int | None = None, new_session: bool = False
+    command: list[str],
+    *,
+    cwd: Path = ROOT,
+    limit_bytes: int | None = None,
+    new_session: bool = False,
 ) -> subprocess.Popen:
-    """A process with captured output that reacts to signals as one started from a shell; it finds this project.
+    """A process with captured output that reacts to signals as one started from a
+    shell; it finds this project.
 
     It may write no file larger than `limit_bytes`.
     """
 
     def prepare() -> None:
-        # The tests may run with signals ignored or blocked, which child processes inherit.
+        # The tests may run with signals ignored or blocked, which child processes
+        # inherit.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_SETMASK, set())
@@ -64,12 +73,16 @@ def popen(
     )
 
 
-def start(*arguments: object, python: tuple[str, ...] = (), **options: object) -> subprocess.Popen:
+def start(
+    *arguments: object, python: tuple[str, ...] = (), **options: object
+) -> subprocess.Popen:
     """A command as a new process; options as for `popen`."""
     return popen(process(*arguments, python=python), **options)
 
 
-def run(*arguments: object, python: tuple[str, ...] = (), **options: object) -> tuple[int, str, str]:
+def run(
+    *arguments: object, python: tuple[str, ...] = (), **options: object
+) -> tuple[int, str, str]:
     """Exit status, stdout and stderr of a command that runs as a new process."""
     with start(*arguments, python=python, **options) as child:
         out, err = child.communicate(timeout=WAIT_S)

@@ -1,4 +1,6 @@
-"""Number of random examples: fixed ones in `make test`, more and different ones in each `make fuzz`."""
+"""Number of random examples: fixed ones in `make test`, more and different ones in each
+`make fuzz`.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ TIMES = int(os.environ.get("LANES_FUZZ", "1"))
 
 
 def examples(count: int) -> settings:
-    """Try `count` examples, the same in every run; `make fuzz` tries `TIMES` as many, different in each run."""
+    """Try `count` examples, the same in every run; `make fuzz` tries `TIMES` as many,
+    different in each run.
+    """
     return settings(
         max_examples=count * TIMES,
         derandomize=TIMES == 1,

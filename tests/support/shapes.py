@@ -13,12 +13,19 @@ from lanes.detect.road import parameter_vector
 SEEN = LineEvidence(0.5, True, 40.0)
 
 
-def a_lane(**parameters: float | Sequence[float]) -> np.ndarray:
+def a_lane(*, width: float = 3.5, **parameters: float | Sequence[float]) -> np.ndarray:
     """`parameter_vector` of a lane 3.5 m wide, if nothing else is said."""
-    return parameter_vector(**{"width": 3.5, **parameters})
+    return parameter_vector(width=width, **parameters)
 
 
-def found_lane(model: np.ndarray, std: np.ndarray, lines: tuple = (SEEN, SEEN), **others: object) -> Lane:
-    """A lane (15,) found in a still, whose errors have these standard deviations (15,)."""
+def found_lane(
+    model: np.ndarray,
+    std: np.ndarray,
+    lines: tuple = (SEEN, SEEN),
+    *,
+    score: float = 1.0,
+    **others: object,
+) -> Lane:
+    """A lane (15,) found in a still, whose errors have these standard deviations."""
     assumed = np.diag(std**2) / error_variance_factor(model, tracked=False)
-    return Lane(model, model, assumed, lines, **{"score": 1.0, **others})
+    return Lane(model, model, assumed, lines, score=score, **others)
