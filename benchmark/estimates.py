@@ -1,4 +1,4 @@
-"""The estimates of a system: one lane per frame, arrays for a whole drive, and their file."""
+"""Estimates of a system, a lane per frame: arrays for a whole drive, and their file."""
 
 from __future__ import annotations
 
@@ -14,27 +14,38 @@ from numpy.typing import ArrayLike
 from lanes.detect.confidence import CORRECT_AT_M
 from lanes.files import require_file, write_atomically
 
-# Distances ahead at which lines are compared with the truth, metres. The confidence is defined at the same distances.
+# Distances ahead at which lines are compared with the truth, metres. The confidence is
+# defined at the same distances.
 AHEAD_M = CORRECT_AT_M
-# Where an estimated line is sampled, metres: its chords are within 2 mm of a bend of 16 m radius. A true line that is
-# compared is shorter than 60 m up to 30 m ahead, because its chords are below `benchmark.errors.MAX_LINE_ANGLE_RAD`.
+# Where an estimated line is sampled, metres: its chords are within 2 mm of a bend of 16
+# m radius. A true line that is compared is shorter than 60 m up to 30 m ahead, because
+# its chords are below `benchmark.errors.MAX_LINE_ANGLE_RAD`.
 ALONG_M = np.arange(0.0, 2 * AHEAD_M[-1] + 0.5, 0.5)
 # Shapes of the estimates that are not single numbers.
-_LINES = (2, len(AHEAD_M))
-SHAPES = {"lines_m": (2, len(ALONG_M), 2), "covariance": (4, 4), "lines_y_m": _LINES, "lines_std_m": _LINES}
-# What a system states in one frame: values of `DriveEstimates` by name, empty if no lane is available.
+SHAPES = {
+    "lines_m": (2, len(ALONG_M), 2),
+    "covariance": (4, 4),
+    "lines_y_m": (2, len(AHEAD_M)),
+    "lines_std_m": (2, len(AHEAD_M)),
+}
+# What a system states in one frame: values of `DriveEstimates` by name, empty if no
+# lane is available.
 LaneEstimate = Mapping[str, ArrayLike]
 
 
 @dataclass(frozen=True, eq=False)
 class DriveEstimates:
-    """The ego lane as a system sees it in N consecutive frames; NaN if no lane is available, or nothing is stated.
+    """The ego lane as a system sees it in N consecutive frames.
 
-    Signs as in docs/conventions.md; all are (N,) except for these. `lines_m` (N, 2, P, 2) are points (x, y) of the left
-    and right line, metres, in order from the car: at arc lengths ALONG_M of the road, or at distances x = ALONG_M
-    ahead, as is easier for the system. `covariance` (N, 4, 4) is that of the errors of offset, heading, curvature and
-    width. `lines_y_m` (N, 2, D) are the lateral positions of the lines at AHEAD_M, `lines_std_m` (N, 2, D) their
-    standard deviations, both NaN beyond the point where a line turns back. `time_ms` is the time that the system took.
+    NaN if no lane is available, or nothing is stated.
+
+    Signs as in docs/conventions.md; all are (N,) except for these. `lines_m` (N, 2, P,
+    2) are points (x, y) of the left and right line, metres, in order from the car: at
+    arc lengths ALONG_M of the road, or at distances x = ALONG_M ahead, as is easier for
+    the system. `covariance` (N, 4, 4) is that of the errors of offset, heading,
+    curvature and width. `lines_y_m` (N, 2, D) are the lateral positions of the lines at
+    AHEAD_M, `lines_std_m` (N, 2, D) their standard deviations, both NaN beyond the
+    point where a line turns back. `time_ms` is the time that the system took.
     """
 
     lines_m: np.ndarray
@@ -49,12 +60,20 @@ class DriveEstimates:
     time_ms: np.ndarray
 
     @classmethod
-    def from_frames(cls, estimates: Sequence[LaneEstimate], time_ms: Sequence[float]) -> DriveEstimates:
+    def from_frames(
+        cls, estimates: Sequence[LaneEstimate], time_ms: Sequence[float]
+    ) -> DriveEstimates:
         """From the estimates of consecutive frames and their times."""
-        frames = [{**estimate, "time_ms": time} for estimate, time in zip(estimates, time_ms, strict=True)]
-        nothing = {field.name: np.full(SHAPES.get(field.name, ()), np.nan) for field in fields(cls)}
-        stacked = {name: [frame.get(name, value) for frame in frames] for name, value in nothing.items()}
-        return cls(**{name: np.array(stacked[name], float).reshape(-1, *nothing[name].shape) for name in stacked})
+        arrays = {}
+        for field in fields(cls):
+            shape = SHAPES.get(field.name, ())
+            arrays[field.name] = np.full((len(estimates), *shape), np.nan)
+        frames = zip(estimates, time_ms, strict=True)
+        for frame, (estimate, frame_ms) in enumerate(frames):
+            arrays["time_ms"][frame] = frame_ms
+            for name, value in estimate.items():
+                arrays[name][frame] = value
+        return cls(**arrays)
 
     @property
     def available(self) -> np.ndarray:
@@ -63,7 +82,10 @@ class DriveEstimates:
 
 
 def road_points(x_m: np.ndarray, lateral_m: np.ndarray) -> np.ndarray:
-    """Points (..., P, 2) of lines with the lateral positions (..., P) at distances (P,) straight ahead."""
+    """Points (..., P, 2) of lines at distances (P,) straight ahead.
+
+    `lateral_m` (..., P) are their lateral positions.
+    """
     return np.stack(np.broadcast_arrays(x_m, lateral_m), axis=-1)
 
 
@@ -82,7 +104,12 @@ def read_estimates(path: Path) -> tuple[DriveEstimates, dict]:
     require_file(path, "estimates")
     try:
         with np.load(path) as archive:
-            arrays = {field.name: archive[field.name] for field in fields(DriveEstimates)}
-            return DriveEstimates(**arrays), json.loads(str(archive["metadata"]))
-    except Exception as error:  # damaged archives raise errors of zipfile, zlib, tokenize and NumPy
-        raise ValueError(f"{path}: holds no estimates ({error}); remove it, so that it is made again.") from error
+            arrays = [archive[field.name] for field in fields(DriveEstimates)]
+            metadata = json.loads(str(archive["metadata"]))
+    # damaged archives raise errors of zipfile, zlib, tokenize and NumPy
+    except Exception as error:
+        raise ValueError(
+            f"{path}: holds no estimates ({error}); remove it, so that it is made "
+            "again."
+        ) from error
+    return DriveEstimates(*arrays), metadata
