@@ -21,9 +21,10 @@ from typing import TYPE_CHECKING, Any
 import av
 
 import lanes
+from lanes.annotation import DriveSettings
 from lanes.camera.model import camera_to_dict
 from lanes.console import plain_warnings, sigint_blocked
-from lanes.drive import DriveSettings, annotate_drive, output_path, versions
+from lanes.drive import annotate_drive, output_path, versions
 from lanes.errors import VideoError
 from lanes.files import hash_sources, read_text, remove_partial, require_file, write_atomically, write_telemetry
 from lanes.ros.lane_messages import MESSAGES_SUFFIX

@@ -24,9 +24,10 @@ import psutil
 import pytest
 
 from lanes import many
+from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import FieldOfView
 from lanes.detect.markings import load_markings, read_network
-from lanes.drive import DriveSettings, annotate_drive
+from lanes.drive import annotate_drive
 from lanes.errors import VideoError
 from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import annotate_many

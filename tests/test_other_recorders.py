@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 import yaml
 
+from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import read_log_camera
 from lanes.camera.model import save_camera
-from lanes.drive import DriveSettings
+from lanes.drive_camera import camera_for
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.many import fingerprint
@@ -315,7 +316,7 @@ PART = logs.ROS2.types["sensor_msgs/msg/RegionOfInterest"](120, 100, 200, 400, F
 def test_the_camera_is_that_of_the_part_that_was_recorded(tmp_path, size, changes, scale, origin):
     """A point of the whole sensor is in the part where it was cut out, and in the binned image at its place there."""
     path = of_part(size, **changes)(tmp_path / "drive.mcap")
-    camera = DriveSettings(output=tmp_path).camera_for(size, path)
+    camera = camera_for(DriveSettings(output=tmp_path), size, path)
     pixels = np.array([[origin[0] + 50.0, origin[1] + 40.0], [origin[0] + 250.0, origin[1] + 90.0]])
     part = (pixels - origin + 0.5) * scale - 0.5
     assert camera.size == size

@@ -12,13 +12,15 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import FieldOfView, read_log_camera
 from lanes.camera.model import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.detect.lane import telemetry_row
 from lanes.detect.road import road_height
 from lanes.detect.search import find_lane
-from lanes.drive import DriveSettings, annotate_drive, track
+from lanes.drive import annotate_drive, track
+from lanes.drive_camera import camera_for
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.ros.lane_messages import INFERRED_ALPHA, write_lane_messages
@@ -221,8 +223,8 @@ def test_the_camera_of_a_log_is_that_of_its_images(tmp_path):
 def test_a_given_field_of_view_comes_before_the_camera_of_the_log(tmp_path):
     path = logs.write_log(tmp_path / "drive.mcap", TINY, TINY_TIMES_S, camera=SMALL)
     given, other = FieldOfView(90.0, "as given"), FieldOfView(90.0, "as photo.jpg says (EXIF)")
-    assert settings_for(tmp_path, field=given).camera_for(SMALL.size, path).hfov_deg == pytest.approx(90, abs=0.1)
-    assert settings_for(tmp_path, field=other).camera_for(SMALL.size, path).matrix == pytest.approx(SMALL.matrix)
+    assert camera_for(settings_for(tmp_path, field=given), SMALL.size, path).hfov_deg == pytest.approx(90, abs=0.1)
+    assert camera_for(settings_for(tmp_path, field=other), SMALL.size, path).matrix == pytest.approx(SMALL.matrix)
 
 
 # Several topics.
