@@ -415,7 +415,7 @@ def _find_warnings(
     info: VideoInfo, camera: Camera, settings: DriveSettings, telemetry: Telemetry
 ) -> list[str]:
     """What seems to be wrong with a video or its camera, a sentence each."""
-    found = [describe_jumps(telemetry["time_s"], info.fps)]
+    found: list[str | None] = [describe_jumps(telemetry["time_s"], info.fps)]
     if info.mirrored:
         found.append(MIRRORED_WORDS)
     found.append(info.note)

@@ -83,8 +83,8 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     telemetry = table.columns()
     found_words = f"{describe_shares(telemetry)}{describe_confidence(telemetry)}"
     lines.append(
-        f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} to "
-        f"{path.parent}"
+        f"stills: {len(outputs)} pictures, {found_words}; wrote them and {path.name} "
+        f"to {path.parent}"
     )
     return Annotation(
         outputs=(*outputs, path),

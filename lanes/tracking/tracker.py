@@ -378,7 +378,7 @@ class LaneTracker:
         return self.lane
 
     def _begin_frame(self, elapsed_s: float | None) -> float:
-        """The time since the previous frame; a gap too long to bridge ends the track."""
+        """Time since the previous frame; a gap too long to bridge ends the track."""
         if elapsed_s is None:
             elapsed_s = 1 / self.fps
         elapsed_s = require_number(elapsed_s, "elapsed_s", finite=False)
