@@ -176,8 +176,9 @@ def pose_shown_by(still: StillDetection, lane_width_m: float) -> ShownPose:
     roll_rad = np.nan
     if any(lane.far_evidence):
         left_m, right_m = lane.model[ADJACENT]
-        widening = float(right_m - left_m) / (4 * lane.width_m**2)
-        roll_rad = pose.roll_rad + widening * pose.height_m
+        widening_m = float(right_m - left_m)
+        turn_rad = widening_m * pose.height_m / (4 * lane.width_m**2)
+        roll_rad = pose.roll_rad + turn_rad
     return ShownPose(
         confidence=lane.confidence,
         log_height=float(np.log(pose.height_m * lane_width_m / lane.width_m)),
