@@ -31,7 +31,7 @@ from lanes.drive_camera import camera_for, field_for, pose_for
 from lanes.errors import CameraError, PoseError, VideoError
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.pose.estimate import POSE_PICTURES, PoseEstimate, estimate_pose
+from lanes.pose.estimate import POSE_PICTURES, PoseEstimate, estimate_in_drive
 from lanes.ros.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.ros.robot_log import index_log
 from lanes.show.draw import track_lane
@@ -299,15 +299,16 @@ def make_tracker(
     """
     if settings is None:
         settings = TrackerSettings()
+    if pose is None:
+        return LaneTracker(
+            camera, fps=fps, speed_mps=speed_mps, settings=settings, markings=markings
+        )
+    drive = pose
 
     def find_pose(image: np.ndarray) -> StillDetection | None:
         with suppress(CameraError):  # the pose sees no road
-            of_image = estimate_pose(
-                image,
-                camera,
-                height_m=pose.given_height_m if pose else None,
-                markings=markings,
-                settings=settings.detector,
+            of_image = estimate_in_drive(
+                image, camera, drive, markings=markings, settings=settings.detector
             )
             return of_image.still
         return None
@@ -316,10 +317,10 @@ def make_tracker(
         camera,
         fps=fps,
         speed_mps=speed_mps,
-        find_pose=find_pose if pose else None,
+        find_pose=find_pose,
         settings=settings,
         markings=markings,
-        confidence_shift=pose.confidence_shift if pose else 0.0,
+        confidence_shift=drive.confidence_shift,
     )
 
 

@@ -129,9 +129,10 @@ class PoseEstimate(ByValue):
         return DOUBTFUL if self.lane_width_m is None else ESTIMATED
 
     @property
-    def given_height_m(self) -> float | None:
-        """The height, if it was given and not estimated."""
-        return None if self.height_std_m else self.pose.height_m
+    def known_height_m(self) -> float | None:
+        """The height, if it was given, or if lanes in many images determine it."""
+        is_given = not self.height_std_m
+        return self.pose.height_m if is_given or self.state == ESTIMATED else None
 
     def summary(self) -> dict[str, str]:
         """Each number with its standard deviation and its sign in words, by name."""
@@ -324,9 +325,10 @@ def estimate_pose(
             "show lines; give larger pictures."
         )
 
-    resized, resized_camera = _resize(chain([first], images), camera)
-    if len(resized) == 1:
-        return _pose_from_still(first, resized[0], camera, resized_camera, options)
+    second = next(images, None)
+    if second is None:
+        return _pose_from_still(first, camera, options)
+    resized, resized_camera = _resize(chain([first, second], images), camera)
     estimate = _pose_from_images(resized, resized_camera, options, progress)
     return replace(estimate, camera=camera.with_pose(estimate.pose))
 
@@ -365,14 +367,10 @@ def _with_more_lanes(first: PoseEstimate, second: PoseEstimate) -> PoseEstimate:
 
 
 def _pose_from_still(
-    image: np.ndarray,
-    resized: np.ndarray,
-    camera: Camera,
-    resized_camera: Camera,
-    options: PoseOptions,
+    image: np.ndarray, camera: Camera, options: PoseOptions
 ) -> PoseEstimate:
     """The pose of a single image, begun from the direction of its edges."""
-    edges = find_edge_direction([resized], resized_camera)
+    edges = find_edge_direction(*_resize([image], camera))
     estimate = _pose_from_direction(image, camera, edges, options)
     if estimate.frames_used:
         return estimate
@@ -389,7 +387,7 @@ def _pose_from_direction(
     width, unless the height is given.
     """
     log_std = 0.0 if options.height_m else PRIOR_HEIGHT_LOG_STD
-    start = camera.with_pose(direction.at_height(options.height_m))
+    start = camera.with_pose(options.start_pose(direction))
     still = detect_with_own_pose(
         image, start, log_std, options.markings, options.settings
     )
@@ -428,6 +426,39 @@ def _scaled_to_width(camera: Camera, lane: Lane, lane_width_m: float) -> Camera:
     return camera.with_pose(replace(pose, height_m=height_m))
 
 
+def estimate_in_drive(
+    image: np.ndarray,
+    camera: Camera,
+    drive: PoseEstimate,
+    *,
+    markings: Markings | None = None,
+    settings: DetectorSettings = DETECTOR,
+) -> PoseEstimate:
+    """The pose of a single image of a drive whose pose was estimated.
+
+    A fixed camera has one height and one roll: those of the drive, if it determines
+    them, are kept. The image decides on pitch and yaw. Errors are those of
+    `estimate_pose`.
+    """
+    options = PoseOptions(
+        lane_width_m=LANE_WIDTH_M,
+        is_width_given=False,
+        height_m=drive.known_height_m,
+        roll_rad=drive.pose.roll_rad if drive.state == ESTIMATED else 0.0,
+        markings=markings,
+        settings=settings,
+    )
+    own = _pose_from_still(require_rgb(image), camera, options)
+    if options.height_m is None:
+        return own
+    return replace(
+        own,
+        height_std_m=drive.height_std_m,
+        roll_std_rad=drive.roll_std_rad,
+        lane_width_m=drive.lane_width_m,
+    )
+
+
 def detect_in_drive(
     image: np.ndarray,
     camera: Camera,
@@ -454,12 +485,8 @@ def detect_in_drive(
         return found, drive
 
     with suppress(CameraError):
-        own = estimate_pose(
-            image,
-            camera,
-            height_m=drive.given_height_m,
-            markings=markings,
-            settings=settings,
+        own = estimate_in_drive(
+            image, camera, drive, markings=markings, settings=settings
         )
         if own.still and own.still.confidence > found.confidence:
             return own.still, own
@@ -532,7 +559,7 @@ def _pose_from_lanes(
             if progress:
                 progress(searched, total)
 
-    start_camera = camera.with_pose(direction.at_height(options.height_m))
+    start_camera = camera.with_pose(options.start_pose(direction))
     start, others = first_pose(counted(first), start_camera, options)
     pose = start
     for _ in range(2):

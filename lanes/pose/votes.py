@@ -101,10 +101,6 @@ class Direction(NamedTuple):
     yaw_rad: float
     yaw_std_rad: float
 
-    def at_height(self, height_m: float | None) -> CameraPose:
-        """The pose with this direction and no roll; by default at the usual height."""
-        return CameraPose(height_m or PRIOR_HEIGHT_M, self.pitch_rad, self.yaw_rad)
-
     def is_far_from(self, prior: Direction) -> bool:
         """Whether it is more than a standard deviation of a prior around 0 away."""
         pitch = self.pitch_rad / prior.pitch_std_rad
@@ -125,6 +121,16 @@ class PoseOptions:
     height_m: float | None
     markings: Markings | None
     settings: DetectorSettings
+    roll_rad: float = 0.0
+
+    def start_pose(self, direction: Direction) -> CameraPose:
+        """The pose with a direction; by default at the usual height, and level."""
+        return CameraPose(
+            height_m=self.height_m or PRIOR_HEIGHT_M,
+            pitch_rad=direction.pitch_rad,
+            yaw_rad=direction.yaw_rad,
+            roll_rad=self.roll_rad,
+        )
 
 
 @dataclass(frozen=True)
