@@ -10,13 +10,14 @@ import shlex
 import sys
 from collections.abc import Sequence
 from contextlib import closing
-from dataclasses import fields, replace
+from dataclasses import replace
 from difflib import get_close_matches
 from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from lanes import __version__
+from lanes.annotation import Annotation, DriveOptions, DriveSettings
 from lanes.camera.calibration import (
     calibrate,
     calibrate_detections,
@@ -30,7 +31,8 @@ from lanes.console import bounded, error_status, progress_line, run_command, run
 from lanes.describe import format_table, number_cells
 from lanes.detect.markings import load_markings
 from lanes.detect.search import HEIGHT_RANGE_M, detect_still
-from lanes.drive import Annotation, DriveSettings, annotate_sources, make_tracker
+from lanes.drive import annotate_sources, make_tracker
+from lanes.drive_camera import camera_for, pose_for
 from lanes.errors import CameraError, LaneError, PoseError
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
 from lanes.label import describe_proposals, label_file, pick_stills, write_proposals
@@ -283,7 +285,7 @@ class Explain:
             raise ValueError(f"{file}: {words}, or none for a picture.")
         lens, settings = find_lens(options)
         markings, part = settings.markings, {"start_s": start_s, "end_s": end_s, "topic": options.topic}
-        camera, estimate = settings.ensure_pose(lens, options.files, progress=progress_line("pose"), **part)
+        camera, estimate = pose_for(settings, lens, options.files, progress=progress_line("pose"), **part)
         still = pose_doubt = None
         if estimate:
             print(estimate.describe())
@@ -458,7 +460,11 @@ def _add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -
 
 
 def add_lens(parser: argparse._ActionsContainer) -> None:
-    """Add the options for lens and place of the camera, --topic and --markings."""
+    """Add the options for lens and place of the camera, --topic and --markings.
+
+    Options of a drive that the command does not have get their defaults.
+    """
+    parser.set_defaults(quiet=False, **vars(DriveOptions()))
     lens = parser.add_mutually_exclusive_group()
     lens.add_argument("--camera", type=Path, metavar="YAML", help="camera file written by `calibrate` or `pose`")
     words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
@@ -487,7 +493,7 @@ def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
     """Camera, for images of the size of the first file, and settings according to the options of `add_lens`."""
     sources = find_sources(map(str, options.files))
     settings, image = _read_settings(options, sources), next(sample_images(sources.files, 1, topic=options.topic))
-    return settings.camera_for(image.shape[1::-1], sources.files[0]), settings
+    return camera_for(settings, image.shape[1::-1], sources.files[0]), settings
 
 
 def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
@@ -506,7 +512,7 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
         raise ValueError("--lens needs a field of view; give --hfov as well, or omit --lens.")
     require_topic(sources.files, options.topic)
     camera = field = None
-    quiet, each = getattr(options, "quiet", False), getattr(options, "each", False)
+    quiet, each = options.quiet, options.each
     if options.camera:
         camera = load_camera(options.camera)
     elif options.boards:
@@ -522,21 +528,48 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
         shown += [of_still for of_still in of_stills if of_still.doubtful and not of_still.assumed][:1]
         for some in shown:
             print(f"{'warning: ' if some.doubtful else ''}{some.describe()}", file=sys.stderr)
-    named = {field.name for field in fields(DriveSettings)} - {"camera", "each", "output"}
-    more = {name: x for name, x in vars(options).items() if name in named}
-    if more.get("end_s") is not None and options.end_s <= options.start_s:
+    if options.end_s is not None and options.end_s <= options.start_s:
         raise ValueError(f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end.")
-    more["markings"] = options.markings and load_markings(options.markings)
-    more["camera_options"] = _camera_options(options)
-    return DriveSettings(output=options.output, camera=camera, field=field, each=each, progress=not quiet, **more)
+    markings = load_markings(options.markings) if options.markings else None
+    return DriveSettings(
+        output=options.output,
+        camera=camera,
+        field=field,
+        camera_options=_camera_options(options),
+        each=options.each,
+        style=options.style,
+        start_s=options.start_s,
+        end_s=options.end_s,
+        report=options.report,
+        progress=not options.quiet,
+        topic=options.topic,
+        markings=markings,
+        camera_offset_m=options.camera_offset_m,
+        car_width_m=options.car_width_m,
+        lane_width_m=options.lane_width_m,
+        height_m=options.height_m,
+    )
 
 
 def _camera_options(options: argparse.Namespace) -> str:
-    """The options of `add_lens` and `add_scale` that were given, as a part of another command line."""
-    names = "camera", "hfov", "boards", "lens", "camera_offset_m", "car_width_m", "topic", "markings"
-    given = {name: getattr(options, name, None) for name in (*names, "lane_width_m", "height_m")}
-    texts = {n.removesuffix("_m").replace("_", "-"): shlex.quote(str(x)) for n, x in given.items() if x is not None}
-    return " ".join(f"--{name} {text}" for name, text in texts.items())
+    """The options of camera and pose that were given, as a part of another command line."""
+    given = {
+        "camera": options.camera,
+        "hfov": options.hfov,
+        "boards": options.boards,
+        "lens": options.lens,
+        "camera-offset": options.camera_offset_m,
+        "car-width": options.car_width_m,
+        "topic": options.topic,
+        "markings": options.markings,
+        "lane-width": options.lane_width_m,
+        "height": options.height_m,
+    }
+    words = []
+    for name, value in given.items():
+        if value is not None:
+            words.append(f"--{name} {shlex.quote(str(value))}")
+    return " ".join(words)
 
 
 def _list_names(paths: Sequence[Path]) -> str:

@@ -10,12 +10,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from lanes.annotation import DriveSettings
 from lanes.camera.model import Camera
 from lanes.detect.confidence import LEAST_CONFIDENCE
 from lanes.detect.lane import Lane, columns_at
-from lanes.drive import DriveSettings, detect_stills
 from lanes.errors import LaneError
 from lanes.labelme import CHECKED, LINE_NAMES, Drawing, LineStrip, write_drawing
+from lanes.stills import detect_stills
 from lanes.video.images import read_image, write_image
 from lanes.video.sources import sample_images
 

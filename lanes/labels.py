@@ -30,15 +30,11 @@ from unicodedata import normalize
 
 import numpy as np
 
+from lanes.annotation import DriveSettings
 from lanes.camera.model import Camera
 from lanes.detect.lane import LOST, Lane, columns_at
-from lanes.drive import (
-    DriveSettings,
-    detect_stills,
-    make_tracker,
-    prepare_drive,
-    track_frames,
-)
+from lanes.drive import make_tracker, prepare_drive, track_frames
+from lanes.drive_camera import camera_for, describe_lens, pose_for
 from lanes.errors import LaneError
 from lanes.files import read_json_lines, read_text
 from lanes.labelme import (
@@ -51,6 +47,7 @@ from lanes.labelme import (
     parse_json,
 )
 from lanes.recording import MAX_PIXELS
+from lanes.stills import detect_stills
 from lanes.video.images import read_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, read_frames
 
@@ -485,8 +482,8 @@ def detect_in_sequence(
     Otherwise as `detect_in_video`.
     """
     size = read_image(stills[0]).shape[1::-1]
-    lens = settings.camera_for(size, stills[0])
-    camera, pose = settings.ensure_pose(lens, stills)
+    lens = camera_for(settings, size, stills[0])
+    camera, pose = pose_for(settings, lens, stills)
     if pose:
         print(pose.describe())
 
@@ -520,7 +517,7 @@ def detect_in_stills(
     for still in detect_stills(stills, settings, failures):
         pose = still.pose
         if pose and pose.still:
-            lens = settings.describe_lens(still.path)
+            lens = describe_lens(settings, still.path)
             print(f"{still.path}: {pose.summary_line()}{lens}")
         elif pose and pose is not printed_pose:
             printed_pose = pose

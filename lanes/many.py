@@ -35,10 +35,11 @@ from typing import Any
 import av
 
 import lanes
+from lanes.annotation import DriveSettings
 from lanes.camera.model import camera_to_dict
 from lanes.console import plain_warnings, sigint_blocked
 from lanes.detect.markings import Markings, runtime_versions
-from lanes.drive import DriveSettings, annotate_drive, output_path, versions
+from lanes.drive import annotate_drive, output_path, versions
 from lanes.errors import VideoError
 from lanes.files import (
     hash_sources,

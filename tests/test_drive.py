@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lanes.annotation import Annotation, DriveSettings
 from lanes.camera.model import CalibrationReport, Camera, save_camera
 from lanes.detect.search import detect_still
-from lanes.drive import Annotation, DriveSettings, annotate, make_tracker
+from lanes.drive import annotate, make_tracker
+from lanes.drive_camera import camera_for
 from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.labels import detect_in_video
@@ -106,7 +108,7 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     assumed = PoseEstimate(wrong, 0.0, 0.1, 0.1, 0.1, frames_used=0, frames_total=24, lane_width_m=None)
     assumed, heights_m = replace(assumed, notes=("no lane decides on the pose",), confidence_shift=-2.0), set()
     assert make_tracker(25, SMALL, assumed, None).update(BENDS.frame(0)).confidence_shift == -2
-    monkeypatch.setattr("lanes.drive.ensure_pose", lambda *_, **__: (wrong, assumed))
+    monkeypatch.setattr("lanes.drive_camera.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
     estimate = lambda *_, height_m, **__: heights_m.add(height_m) or replace(assumed, still=still)  # noqa: E731
     monkeypatch.setattr("lanes.drive.estimate_pose", estimate)
@@ -130,14 +132,14 @@ def test_a_calibrated_camera_is_turned_as_the_file_says(tmp_path, orientation, d
     set_rotation(make_video(tmp_path / "a.mp4", 3, size=(640, 360)), path, degrees)
     settings, turned = DriveSettings(output=tmp_path, camera=lens), lens.turned(orientation)
     for file in (tmp_path / "a.jpg", path):
-        camera = settings.camera_for(turned.size, file)
+        camera = camera_for(settings, turned.size, file)
         np.testing.assert_allclose(camera.matrix, turned.matrix)
-        half = settings.camera_for((turned.width // 2, turned.height // 2), file)
+        half = camera_for(settings, (turned.width // 2, turned.height // 2), file)
         assert half.matrix[0, 0] == pytest.approx(turned.matrix[0, 0] / 2)
     posed = replace(settings, camera=turned.with_pose(SMALL.pose))
-    assert posed.camera_for(turned.size, path) is posed.camera
+    assert camera_for(posed, turned.size, path) is posed.camera
     with pytest.raises(CameraError, match=r"b\.mp4: .*cropped"):
-        settings.camera_for((640, 480), path)
+        camera_for(settings, (640, 480), path)
 
 
 def test_detect_and_annotate_agree_over_a_hole_in_the_video(tmp_path):

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from lanes.annotation import DriveSettings
 from lanes.camera.model import save_camera
 from lanes.detect.lane import columns_at
-from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.label import pick_stills, propose_lines
 from lanes.labels import LaneColumns, label_rows, read_labels

@@ -25,9 +25,10 @@ import numpy as np
 import psutil
 import pytest
 
+from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import GIVEN, FieldOfView
 from lanes.detect.markings import load_markings
-from lanes.drive import DriveSettings, annotate_drive
+from lanes.drive import annotate_drive
 from lanes.files import locked, partial_files, read_telemetry
 from lanes.many import (
     RETRIES,

@@ -20,9 +20,10 @@ import numpy as np
 import pytest
 import yaml
 
+from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import read_log_camera
 from lanes.camera.model import save_camera
-from lanes.drive import DriveSettings
+from lanes.drive_camera import camera_for
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.many import fingerprint
@@ -502,7 +503,7 @@ def test_the_camera_is_that_of_the_part_that_was_recorded(
 ):
     """A point of the sensor is where the part has it."""
     path = of_part(size, **changes)(tmp_path / "drive.mcap")
-    camera = DriveSettings(output=tmp_path).camera_for(size, path)
+    camera = camera_for(DriveSettings(output=tmp_path), size, path)
     assert camera.size == size
     pixels = np.array([[50.0, 40.0], [250.0, 90.0]]) + origin
     in_part = (pixels - origin + 0.5) * scale - 0.5

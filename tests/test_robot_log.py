@@ -13,13 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lanes.annotation import Annotation, DriveSettings
 from lanes.camera.field_of_view import FieldOfView, read_log_camera
 from lanes.camera.model import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.detect.lane import telemetry_row
 from lanes.detect.road import road_height
 from lanes.detect.search import find_lane
-from lanes.drive import Annotation, DriveSettings, annotate_drive, track
+from lanes.drive import annotate_drive, track
+from lanes.drive_camera import camera_for
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.ros.robot_log import index_log
@@ -414,7 +416,8 @@ def test_only_a_given_field_of_view_comes_before_the_camera_of_the_log(
     tmp_path, field, is_used
 ):
     path = logs.write_log(tmp_path / "drive.mcap", TINY, TINY_TIMES_S, camera=SMALL)
-    camera = settings_for(tmp_path, field=field).camera_for(SMALL.size, path)
+    settings = settings_for(tmp_path, field=field)
+    camera = camera_for(settings, SMALL.size, path)
     expected_deg = 90 if is_used else SMALL.hfov_deg
     assert camera.hfov_deg == pytest.approx(expected_deg, abs=0.1)
 

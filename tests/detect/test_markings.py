@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import lanes
+from lanes.annotation import DriveSettings
 from lanes.detect.confidence import SURE_CONFIDENCE
 from lanes.detect.markings import MarkingSource, load_markings
 from lanes.detect.search import detect_still
-from lanes.drive import DriveSettings
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
 from lanes.many import fingerprint
