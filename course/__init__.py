@@ -1,4 +1,6 @@
-"""What the notebook needs besides the classic pipeline: data, checks against the truth, exercises and figures."""
+"""What the notebook needs besides the classic pipeline: data, checks against the truth,
+exercises and figures.
+"""
 
 from benchmark.evaluation import PROJECT_ROOT as PROJECT_ROOT
 from benchmark.evaluation import score_video as score_video

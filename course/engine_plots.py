@@ -1,6 +1,8 @@
-"""Figures of chapters 9 to 16: votes, Gaussians, filtered quantities, accuracy of the benchmark.
+"""Figures of chapters 9 to 16: votes, Gaussians, filtered quantities, accuracy of the
+benchmark.
 
-Each function draws given values on given axes, or makes a figure; it does not compute them.
+Each function draws given values on given axes, or makes a figure; it does not compute
+them.
 """
 
 from __future__ import annotations
@@ -129,8 +131,9 @@ def plot_filtered(
 def plot_accuracy(scores: str | Path) -> Figure:
     """Plot the accuracy of each system in the groups of scenes of a benchmark.csv.
 
-    The bars of the scenes without a lane are the shares of frames with a false lane. Raises ValueError if the file is
-    no table of the benchmark, OSError if it cannot be read.
+    The bars of the scenes without a lane are the shares of frames with a false lane.
+    Raises ValueError if the file is no table of the benchmark, OSError if it cannot be
+    read.
     """
     rows = read_scores(scores)
     systems = list(dict.fromkeys(str(row["system"]) for row in rows))
@@ -150,7 +153,9 @@ def plot_accuracy(scores: str | Path) -> Figure:
 
 
 def _totals(rows: Sequence[Row], difficulty: str) -> Mapping[str, float]:
-    """Accuracy of each system over all scenes of a difficulty; without lanes the share of false ones."""
+    """Accuracy of each system over all scenes of a difficulty; without lanes the share
+    of false ones.
+    """
     totals = {}
     for row in rows:
         if row["scene"] == total_name(difficulty):

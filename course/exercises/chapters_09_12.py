@@ -569,7 +569,9 @@ def filter_drive(correct_state: Correct) -> FilteredDrive | None:
     true_m, measurements = simulate_drive()
     state = np.zeros(3)
     covariance = FIRST_P
-    accepted, offset_m, std_m = [], [], []
+    accepted = []
+    offset_m = []
+    std_m = []
     for z in measurements:
         state = DRIVE_F @ state
         covariance = DRIVE_F @ covariance @ DRIVE_F.T + DRIVE_Q

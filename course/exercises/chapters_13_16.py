@@ -313,7 +313,11 @@ def _share_mistakes(
     count = len(right)
     falling = _right_shares(right, np.argsort(-confidence))
     rising = _right_shares(right, np.argsort(confidence))
-    least_first, until_below, above, right_share, frames = [], [], [], [], []
+    least_first = []
+    until_below = []
+    above = []
+    right_share = []
+    frames = []
     for least in LEAST_RIGHT:
         least_first.append(_last_reached(rising, least) / count)
         until_below.append(int(np.flatnonzero(falling < least)[0]) / count)

@@ -329,13 +329,15 @@ def _peaks(
     columns = strength.shape[1]
     row, column = np.divmod(found, columns)
     inside = (column > 0) & (column < columns - 1)
-    row, column = row[inside], column[inside]
+    row = row[inside]
+    column = column[inside]
     if np.bincount(row).max(initial=0) <= settings.stripes_per_row:
         return row, column
 
     # the strongest of each row
     order = np.lexsort((-strength[row, column], row))
-    row, column = row[order], column[order]
+    row = row[order]
+    column = column[order]
     place_in_row = np.arange(len(row)) - np.searchsorted(row, row)
     keep = place_in_row < settings.stripes_per_row
     return row[keep], column[keep]
@@ -435,7 +437,8 @@ def find_evidence(
     view : BirdsEyeView
     settings : PaintSettings
     markings : callable, optional, as for `lanes.find_lane`
-        Its mask takes the place of the other sources, or joins them, as a `MarkingSource` says.
+        Its mask takes the place of the other sources, or joins them, as a
+        `MarkingSource` says.
     quick : bool
         Leave our network out: it takes sixty times as long as the band filter.
     """

@@ -210,9 +210,11 @@ def as_source(markings: Markings) -> MarkingSource:
 
 
 def _require_probabilities(mask: np.ndarray, name: str) -> None:
-    low, high = np.nan, np.nan
+    low = np.nan
+    high = np.nan
     if mask.size:
-        low, high = mask.min(), mask.max()
+        low = mask.min()
+        high = mask.max()
 
     # NaN fails the comparison
     within = low >= -1e-3 and high <= 1 + 1e-3

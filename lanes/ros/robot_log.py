@@ -189,7 +189,10 @@ class _Scan:
 
 def _scan_messages(log: LogReader, topic: str, name: str) -> _Scan:
     """Read all messages, and decode the first image that is not damaged."""
-    stamps_ns, all_recorded_ns, key_frames, peaks = [], [], [], []
+    stamps_ns = []
+    all_recorded_ns = []
+    key_frames = []
+    peaks = []
     is_video = log.topics[topic].kind == "CompressedVideo"
     every = max(1, log.topics[topic].count // _SAMPLED_PEAKS)
     codec = ""

@@ -1,4 +1,6 @@
-"""What the check of an exercise prints, and right answers that differ from the folded solution."""
+"""What the check of an exercise prints, and right answers that differ from the folded
+solution.
+"""
 
 import re
 from contextlib import nullcontext
@@ -59,9 +61,16 @@ def test_each_verdict_is_one_line(monkeypatch, capsys):
 def test_a_mistake_is_named_only_if_all_its_numbers_agree():
     mistakes = {"too large": [2.0, 4.0], "too small": [1.0, 1.0]}
     require_equal([3.0, 4.0], [3.0, 4.01], mistakes, "other", atol=0.02)
-    for found, said in (([2.0, 4.01], "too large"), ([2.0, 1.0], "other"), (1.0, "other"), ([np.nan, 1], "other")):
+    for found, said in (
+        ([2.0, 4.01], "too large"),
+        ([2.0, 1.0], "other"),
+        (1.0, "other"),
+        ([np.nan, 1], "other"),
+    ):
         with pytest.raises(HintError, match=f"^it is {said}$"):
-            require_equal(found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02)
+            require_equal(
+                found, [3.0, 4.0], mistakes, "other", said="it is ", atol=0.02
+            )
 
 
 TWO_LINES = np.zeros((720, 1280), np.uint8)
@@ -114,7 +123,8 @@ def test_the_gate_rejects_the_neighbouring_lane_in_the_drawn_drive(limit, reject
     """12.2: a list of state and covariance is as good as a pair."""
 
     def correct_gated(state, covariance, z, noise, matrix):
-        innovation, s = z - matrix @ state, matrix @ covariance @ matrix.T + noise
+        innovation = z - matrix @ state
+        s = matrix @ covariance @ matrix.T + noise
         if innovation @ np.linalg.solve(s, innovation) > limit:
             return [state, covariance]
         gain = covariance @ matrix.T @ np.linalg.inv(s)
@@ -160,20 +170,46 @@ def worst(moved_m: np.ndarray) -> float:
     ("words", "measure", "at_m", "cover"),
     [
         ("", worst, 20.0, chapters_13_16.cover_square),
-        ("left line alone", lambda moved_m: abs(moved_m[0, 0]), 20.0, chapters_13_16.cover_square),
-        ("right line alone", lambda moved_m: abs(moved_m[1, 0]), 20.0, chapters_13_16.cover_square),
-        ("absolute difference", lambda moved_m: max(0, moved_m.max()), 20.0, chapters_13_16.cover_square),
+        (
+            "left line alone",
+            lambda moved_m: abs(moved_m[0, 0]),
+            20.0,
+            chapters_13_16.cover_square,
+        ),
+        (
+            "right line alone",
+            lambda moved_m: abs(moved_m[1, 0]),
+            20.0,
+            chapters_13_16.cover_square,
+        ),
+        (
+            "absolute difference",
+            lambda moved_m: max(0, moved_m.max()),
+            20.0,
+            chapters_13_16.cover_square,
+        ),
         ("10 m ahead", worst, 10.0, chapters_13_16.cover_square),
-        (" instead of ", lambda moved_m: worst(moved_m) / 3, 20.0, chapters_13_16.cover_square),
-        *((reason, worst, 20.0, cover) for reason, cover in chapters_13_16.WRONG_COVERS.items()),
+        (
+            " instead of ",
+            lambda moved_m: worst(moved_m) / 3,
+            20.0,
+            chapters_13_16.cover_square,
+        ),
+        *(
+            (reason, worst, 20.0, cover)
+            for reason, cover in chapters_13_16.WRONG_COVERS.items()
+        ),
     ],
 )
 def test_mistakes_in_occlusion_maps_are_named(monkeypatch, words, measure, at_m, cover):
     """13.1: the right map, and wrong ones."""
-    moved_m, before_m = np.ones(chapters_13_16.SHAPE), find_occluded(IMAGE).lateral_m(np.array([at_m]))
+    moved_m = np.ones(chapters_13_16.SHAPE)
+    before_m = find_occluded(IMAGE).lateral_m(np.array([at_m]))
     for row, column in np.ndindex(*chapters_13_16.SHAPE):
         if lane := find_occluded(cover(IMAGE, row, column)):
-            moved_m[row, column] = min(1, measure(lane.lateral_m(np.array([at_m])) - before_m))
+            moved_m[row, column] = min(
+                1, measure(lane.lateral_m(np.array([at_m])) - before_m)
+            )
     monkeypatch.setattr(chapters_13_16, "find_lane", find_occluded)
     with pytest.raises(HintError, match=re.escape(words)) if words else nullcontext():
         chapters_13_16.require_occlusion(moved_m, IMAGE, find_occluded(IMAGE), CAMERA)
@@ -201,9 +237,21 @@ def test_covering_the_given_image_itself_is_named(monkeypatch):
         (0.0, 1.0, 9.0, "left line first"),
     ],
 )
-def test_a_finder_is_judged_by_its_scores_on_the_videos(monkeypatch, accuracy, wrong, median_m, words):
+def test_a_finder_is_judged_by_its_scores_on_the_videos(
+    monkeypatch, accuracy, wrong, median_m, words
+):
     """15.1: accuracy, share of confident and wrong frames, and median error."""
-    row = {"accuracy": accuracy, "confident_and_wrong_share": wrong, "lateral_5_20m_median_m": median_m}
-    monkeypatch.setattr(chapters_13_16, "score_finders", lambda _: [(scene, {"yours": row}) for scene in COMMITTED])
+    row = {
+        "accuracy": accuracy,
+        "confident_and_wrong_share": wrong,
+        "lateral_5_20m_median_m": median_m,
+    }
+    monkeypatch.setattr(
+        chapters_13_16,
+        "score_finders",
+        lambda _: [(scene, {"yours": row}) for scene in COMMITTED],
+    )
     with pytest.raises(HintError, match=words) if words else nullcontext():
-        chapters_13_16.check_honest_finder(lambda image, camera: ((0, 0, 1.8), (0, 0, -1.8)))
+        chapters_13_16.check_honest_finder(
+            lambda image, camera: ((0, 0, 1.8), (0, 0, -1.8))
+        )

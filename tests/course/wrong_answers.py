@@ -1,7 +1,8 @@
-"""The usual wrong answers to the exercises: a part of the hint, then code, or changes (old, new) of the solution.
+"""The usual wrong answers to the exercises: a part of the hint, then code, or changes
+(old, new) of the solution.
 
-`tests/course/test_exercises.py` tests how the numbers of an answer are compared with those of the listed mistakes, and
-the hints whose answers take long.
+`tests/course/test_exercises.py` tests how the numbers of an answer are compared with
+those of the listed mistakes, and the hints whose answers take long.
 """
 
 from __future__ import annotations
@@ -77,7 +78,10 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("Of the solid yellow line", ("cv2.inRange(yellow, 12, 255) | ", "")),
         (
             "not what paint looks like",
-            ("def paint_mask(above):\n", "def paint_mask(above):\n    above = shade_above\n"),
+            (
+                "def paint_mask(above):\n",
+                "def paint_mask(above):\n    above = shade_above\n",
+            ),
         ),
     ],
     "6.1": [
@@ -88,7 +92,10 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
     "6.2": [
         ("40% of the pixels", STEP_IN_GAP),
         ("keep their margin", STEP_IN_GAP, ("<= 80", "<= 200")),
-        ("(column, row)", "climb_and_coast = lambda binary, column: np.argwhere(binary)"),
+        (
+            "(column, row)",
+            "climb_and_coast = lambda binary, column: np.argwhere(binary)",
+        ),
     ],
     "7.1": [
         ("not 0.4 to the power of 3", "ransac_choice = 3, 105"),
@@ -98,25 +105,56 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("do not determine a parabola", "ransac_choice = 2, 20"),
     ],
     "8.1": [
-        ("forgot the lens", ("bar_px = through_lens(bar_flat_px)", "bar_px = bar_flat_px")),
+        (
+            "forgot the lens",
+            ("bar_px = through_lens(bar_flat_px)", "bar_px = bar_flat_px"),
+        ),
         (
             "through the lens backwards",
-            ("through_lens(bar_flat_px)", "helpers.undistort_points(bar_flat_px, lens)"),
+            (
+                "through_lens(bar_flat_px)",
+                "helpers.undistort_points(bar_flat_px, lens)",
+            ),
         ),
-        ("left and right are exchanged", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[::-1]")),
-        ("(row, column)", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[:, ::-1]")),
-        ("the right end is 9 px off", ("through_lens(bar_flat_px)", "through_lens(bar_flat_px) + [[0, 0], [9, 0]]")),
+        (
+            "left and right are exchanged",
+            ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[::-1]"),
+        ),
+        (
+            "(row, column)",
+            ("through_lens(bar_flat_px)", "through_lens(bar_flat_px)[:, ::-1]"),
+        ),
+        (
+            "the right end is 9 px off",
+            (
+                "through_lens(bar_flat_px)",
+                "through_lens(bar_flat_px) + [[0, 0], [9, 0]]",
+            ),
+        ),
     ],
     "8.2": [
-        ("refuses the lane of chapter 7", ("widths_m - 3.7) < 0.6", "widths_m - 3.2) < 0.1")),
+        (
+            "refuses the lane of chapter 7",
+            ("widths_m - 3.7) < 0.6", "widths_m - 3.2) < 0.1"),
+        ),
         ("the same line twice", "is_plausible = lambda left, right: True"),
-        ("left line is on the right", (WIDTHS, "np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6)")),
+        (
+            "left line is on the right",
+            (WIDTHS, "np.all(np.abs(np.abs(widths_m) - 3.7) < 0.6)"),
+        ),
         ("not parallel", (WIDTHS, "abs(widths_m[0] - 3.7) < 0.6"), (PARALLEL, "")),
         ("50 m radius", (SHARPEST, "")),
-        ("too strict", ("widths_m - 3.7) < 0.6", "widths_m - 3.6) < 0.1"), ("< 0.002", "< 0.00035")),
+        (
+            "too strict",
+            ("widths_m - 3.7) < 0.6", "widths_m - 3.6) < 0.1"),
+            ("< 0.002", "< 0.00035"),
+        ),
         (
             "believe",
-            (WIDTHS, "np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1"),
+            (
+                WIDTHS,
+                "np.all(np.abs(widths_m - widths_m[0]) < 0.5) and widths_m[0] > 1",
+            ),
             (PARALLEL, ""),
             ("1 / 300", "0.01"),
         ),
@@ -131,12 +169,18 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
     ],
     "9.1": [
         ("in radians", ("np.degrees", "")),
-        ("the sign is wrong", ("1 - seen_width_m / true_width_m", "seen_width_m / true_width_m - 1")),
+        (
+            "the sign is wrong",
+            ("1 - seen_width_m / true_width_m", "seen_width_m / true_width_m - 1"),
+        ),
     ],
     "10.1": [
         (
             "the larger of the two sides",
-            ("np.maximum(np.roll(road, reach), np.roll(road, -reach))", "np.roll(road, reach)"),
+            (
+                "np.maximum(np.roll(road, reach), np.roll(road, -reach))",
+                "np.roll(road, reach)",
+            ),
         ),
         ("take no absolute value", ("return (centre", "return np.abs(centre")),
         ("divide by 1 + n", (" / (1 + noise)", "")),
@@ -148,7 +192,10 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
         ("Use width_m and left", (HALF, "np.where(left, 1.83, -1.83)")),
         (
             "with candidates of both lines",
-            ("    design", "    if left.any():\n        x_m, y_m, left = x_m[left], y_m[left], left[left]\n    design"),
+            (
+                "    design",
+                "    if left.any():\n        x_m, y_m, left = x_m[left], y_m[left], left[left]\n    design",
+            ),
         ),
     ],
     "12.1": [
@@ -164,15 +211,24 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
     ],
     "13.1": [
         ("Rows come first", "occlusion_map = lambda image, camera: np.zeros((15, 4))"),
-        ("Take the absolute difference", "occlusion_map = lambda image, camera: np.full((4, 15), -0.1)"),
+        (
+            "Take the absolute difference",
+            "occlusion_map = lambda image, camera: np.full((4, 15), -0.1)",
+        ),
     ],
     "14.1": [
         ("the other way round", ("-confidence", "confidence")),
-        ("first falls below", ("count[enough[-1]]", "np.flatnonzero(share < least)[0]")),
+        (
+            "first falls below",
+            ("count[enough[-1]]", "np.flatnonzero(share < least)[0]"),
+        ),
         ("return 0, not 1.0", ("return 0", "return 1.0")),
     ],
     "15.1": [
-        ("find_lane is the engine", "honest_finder = lambda image, camera: lanes.find_lane(image, camera)"),
+        (
+            "find_lane is the engine",
+            "honest_finder = lambda image, camera: lanes.find_lane(image, camera)",
+        ),
     ],
     "16.1": [
         ("points downhill", (GRADIENT, f"-{GRADIENT}")),

@@ -1,4 +1,6 @@
-"""Results in one image: the lines and their standard deviations, against drawn lanes, and the telemetry."""
+"""Results in one image: the lines and their standard deviations, against drawn lanes,
+and the telemetry.
+"""
 
 from __future__ import annotations
 
@@ -12,49 +14,96 @@ from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane, found_lane
 
 X_M = np.array([5.0, 10.0, 15.0, 20.0, 30.0])
-STD = a_lane(centre=0.02, width=0.03, heading=2e-3, curvature=2e-4, rate=1e-5, pitch=5e-3, rate_steps=1e-5)
-SEEN = (
-    LineEvidence(0.6, True, 25.0, votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0, bare_m=0.0)),
-    LineEvidence(0.3, True, 30.0, votes=TypeVotes(3.0, 0.0, 0.0, seen_m=24.0, painted_m=6.0, bare_m=18.0)),
+STD = a_lane(
+    centre=0.02,
+    width=0.03,
+    heading=2e-3,
+    curvature=2e-4,
+    rate=1e-5,
+    pitch=5e-3,
+    rate_steps=1e-5,
 )
-BENT = found_lane(a_lane(centre=0.4, width=3.4, heading=-0.3, curvature=1 / 80, rate=-2e-4), STD, SEEN)
+SEEN = (
+    LineEvidence(
+        0.6,
+        True,
+        25.0,
+        votes=TypeVotes(3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0, bare_m=0.0),
+    ),
+    LineEvidence(
+        0.3,
+        True,
+        30.0,
+        votes=TypeVotes(3.0, 0.0, 0.0, seen_m=24.0, painted_m=6.0, bare_m=18.0),
+    ),
+)
+BENT = found_lane(
+    a_lane(centre=0.4, width=3.4, heading=-0.3, curvature=1 / 80, rate=-2e-4), STD, SEEN
+)
 
 
-@pytest.mark.parametrize("curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"])
+@pytest.mark.parametrize(
+    "curvature", [0.0, 1 / 300, -1 / 40], ids=["straight", "bend", "hairpin"]
+)
 def test_lateral_std_is_that_of_drawn_lanes(curvature):
-    model = a_lane(centre=0.4, width=3.4, heading=-0.05, curvature=curvature, rate=curvature / 300)
+    model = a_lane(
+        centre=0.4, width=3.4, heading=-0.05, curvature=curvature, rate=curvature / 300
+    )
     drawn = np.random.default_rng(2).normal(model, STD, (600, len(model)))
-    expected = [np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES]
-    np.testing.assert_allclose(found_lane(model, STD).lateral_std_m(X_M), expected, rtol=0.1)
-    np.testing.assert_allclose(lateral_gradients(X_M), [line_y_gradients(X_M, a_lane(), s) for s in SIDES], 1e-4, 1e-6)
+    expected = [
+        np.std([line_y(X_M, lane, side) for lane in drawn], axis=0) for side in SIDES
+    ]
+    np.testing.assert_allclose(
+        found_lane(model, STD).lateral_std_m(X_M), expected, rtol=0.1
+    )
+    np.testing.assert_allclose(
+        lateral_gradients(X_M),
+        [line_y_gradients(X_M, a_lane(), s) for s in SIDES],
+        1e-4,
+        1e-6,
+    )
 
 
 def test_a_line_that_has_turned_back_has_no_position_and_no_std():
     left = found_lane(a_lane(curvature=1 / 24), STD).left
-    np.testing.assert_array_equal(np.isnan(left.y(X_M)), [False, False, False, False, True])
+    np.testing.assert_array_equal(
+        np.isnan(left.y(X_M)), [False, False, False, False, True]
+    )
     np.testing.assert_array_equal(np.isnan(left.std_m(X_M)), np.isnan(left.y(X_M)))
 
 
 def test_a_line_ends_where_it_runs_almost_along_the_rows():
     camera = dashcam(width=1280)
-    lane, rows = found_lane(a_lane(curvature=1 / 90), STD), np.arange(300, 720)
+    lane = found_lane(a_lane(curvature=1 / 90), STD)
+    rows = np.arange(300, 720)
     left = lane.columns(camera, rows)[0]
-    given, outline = np.flatnonzero(left >= 0), lane.outlines(camera)[0]
-    assert np.abs(np.diff(left[given])).max() <= 10 and (np.diff(given) == 1).all()
+    given = np.flatnonzero(left >= 0)
+    outline = lane.outlines(camera)[0]
+    assert np.abs(np.diff(left[given])).max() <= 10
+    assert (np.diff(given) == 1).all()
     assert rows[given[0]] - outline[-1, 1] >= 2  # the outline goes on
-    np.testing.assert_allclose(left[given], np.interp(rows[given], outline[::-1, 1], outline[::-1, 0]), atol=1e-6)
+    np.testing.assert_allclose(
+        left[given],
+        np.interp(rows[given], outline[::-1, 1], outline[::-1, 0]),
+        atol=1e-6,
+    )
 
 
 def test_coefficients_are_a_taylor_series_of_the_line_at_the_car():
-    """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, from positions ahead of the car and behind it."""
-    x, row = 4.0, telemetry_row(BENT)
+    """y = c0 + c1 x + c2 x^2 / 2 + c3 x^3 / 6, from positions ahead of the car and
+    behind it.
+    """
+    x = 4.0
+    row = telemetry_row(BENT)
     for line, side in zip(BENT.lines, ("left", "right"), strict=True):
         behind, before, here, after, ahead = line.y(np.array([-x, -0.1, 0.0, 0.1, x]))
         c0, c1, c2, c3 = line.coefficients
         assert (c0, c1) == pytest.approx((here, (after - before) / 0.2), abs=1e-4)
         assert c2 * x**2 / 2 == pytest.approx((ahead + behind) / 2 - c0, rel=0.03)
         assert c3 * x**3 / 6 == pytest.approx((ahead - behind) / 2 - c1 * x, rel=0.15)
-        assert [row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")] == [c0, c1, c2, c3]
+        assert [
+            row[f"{side}_{name}"] for name in ("c0_m", "c1", "c2_per_m", "c3_per_m2")
+        ] == [c0, c1, c2, c3]
 
 
 # docs/conventions.md; other programs read them by name.
@@ -67,13 +116,31 @@ pose_height_m pose_pitch_rad pose_yaw_rad pose_roll_rad
 
 
 def test_the_telemetry_of_a_lane_and_of_none():
-    row, lost = telemetry_row(BENT), telemetry_row(None)
+    row = telemetry_row(BENT)
+    lost = telemetry_row(None)
     assert list(row) == list(lost) == COLUMNS.split()
-    assert (row["offset_m"], row["lane_width_m"], row["curvature_per_m"]) == pytest.approx((-0.4, 3.4, 1 / 79.6))
-    assert (row["offset_std_m"], row["curvature_std_per_m"]) == pytest.approx((0.02, 2e-4))
+    assert (
+        row["offset_m"],
+        row["lane_width_m"],
+        row["curvature_per_m"],
+    ) == pytest.approx((-0.4, 3.4, 1 / 79.6))
+    assert (row["offset_std_m"], row["curvature_std_per_m"]) == pytest.approx(
+        (0.02, 2e-4)
+    )
     assert BENT.summary()["bend"] == "bends left, R 80 m (12.56 ± 0.20 per km)"
-    assert BENT.right.describe() == "1.36 ± 0.03 m right, white dashed, paint on 30% of its rows, up to 30 m"
-    assert (row["left_kind"], row["left_colour"], row["left_double"]) == ("solid", "yellow", True)
-    assert (row["right_kind"], row["right_colour"], row["right_double"]) == ("dashed", "white", False)
+    assert (
+        BENT.right.describe()
+        == "1.36 ± 0.03 m right, white dashed, paint on 30% of its rows, up to 30 m"
+    )
+    assert (row["left_kind"], row["left_colour"], row["left_double"]) == (
+        "solid",
+        "yellow",
+        True,
+    )
+    assert (row["right_kind"], row["right_colour"], row["right_double"]) == (
+        "dashed",
+        "white",
+        False,
+    )
     assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)
     assert set(lost.values()) == {None}

@@ -1,4 +1,6 @@
-"""The marking of a line: its cross-section, colour and gaps in one image, and its type over the road driven."""
+"""The marking of a line: its cross-section, colour and gaps in one image, and its type
+over the road driven.
+"""
 
 from __future__ import annotations
 
@@ -13,9 +15,12 @@ from lanes.detect.evidence import PAINT, find_stripes, marking_response
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, marking_profile
 from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
 
-CAMERA, SMALL = dashcam(1280), dashcam(640)
-VIEW, SMALL_VIEW = BirdsEyeView(CAMERA), BirdsEyeView(SMALL)
-# What light and air make of the image of a road: a function of its grey levels, 0 to 255.
+CAMERA = dashcam(1280)
+SMALL = dashcam(640)
+VIEW = BirdsEyeView(CAMERA)
+SMALL_VIEW = BirdsEyeView(SMALL)
+# What light and air make of the image of a road: a function of its grey levels, 0 to
+# 255.
 LIGHTS = {
     "white": lambda image: image,
     "low sun": lambda image: image * (1.0, 0.8, 0.55),
@@ -25,22 +30,28 @@ LIGHTS = {
 
 
 # Beside the road: yellower than it, and bluer.
-SOIL, SNOW_IN_SHADE = (150, 120, 60), (190, 200, 230)
+SOIL = (150, 120, 60)
+SNOW_IN_SHADE = (190, 200, 230)
 
 
 @lru_cache(maxsize=32)
 def drawn(beside=SOIL, **look):
     """A line 1.7 m to the left, at the edge of the road."""
     road = Road(CAMERA, noise=1.0)
-    return road.paint(lambda x, y: y > 1.9, beside).lines(1.7, phase_m=1.0, **look).image()
+    return (
+        road.paint(lambda x, y: y > 1.9, beside).lines(1.7, phase_m=1.0, **look).image()
+    )
 
 
 def paint_in(image, y=1.7, side=1, *, light="white"):
-    """The profile along lateral positions y, of a line to the left (+1) or right (-1) of the lane."""
+    """The profile along lateral positions y, of a line to the left (+1) or right (-1)
+    of the lane.
+    """
     view = VIEW if image.shape[1] == CAMERA.width else SMALL_VIEW
     image = np.clip(LIGHTS[light](image.astype(float)), 0, 255).astype(np.uint8)
     response = marking_response(view.warp(image), view)
-    line_y_m, stripes = y + np.zeros(len(view.x_m)), find_stripes(response, view)
+    line_y_m = y + np.zeros(len(view.x_m))
+    stripes = find_stripes(response, view)
     on_line = np.abs(stripes.y_m - line_y_m[stripes.row]) < 0.2
     return marking_profile(response, view, line_y_m, stripes.row[on_line], side, PAINT)
 
@@ -58,16 +69,25 @@ def kind_of(*profiles):
     [(WHITE, "white", SNOW_IN_SHADE), (YELLOW, "yellow", SOIL)],
     ids=["white", "yellow"],
 )
-def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_road(paint, colour, beside, light):
+def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_road(
+    paint, colour, beside, light
+):
     """Light of sodium lamps has little blue for yellow paint to lack."""
     profile = paint_in(drawn(beside, colour=paint), light=light)
-    assert NO_VOTES.add(profile).colour in ((colour, None) if light == "sodium lamps" else (colour,))
+    assert NO_VOTES.add(profile).colour in (
+        (colour, None) if light == "sodium lamps" else (colour,)
+    )
 
 
 @pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
 def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
-    paint = paint_in(Road(CAMERA).lines(y - 0.11, y + 0.11, colour=YELLOW, width_m=0.1).image(), y, side)
-    assert paint.double and paint.yellowness > 0.7
+    paint = paint_in(
+        Road(CAMERA).lines(y - 0.11, y + 0.11, colour=YELLOW, width_m=0.1).image(),
+        y,
+        side,
+    )
+    assert paint.double
+    assert paint.yellowness > 0.7
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
 
@@ -78,32 +98,51 @@ def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
 )
 def test_gaps_show_in_one_image(dash_m, kind):
     paint = paint_in(drawn(dash_m=dash_m))
-    assert kind_of(paint) == kind and paint.seen_m > 8
+    assert kind_of(paint) == kind
+    assert paint.seen_m > 8
 
 
 def test_wear_shadows_cars_and_a_bonnet_are_no_gaps():
-    """Holes of 0.6 m in every 5 m, deep shade, a lorry before the far half, a bonnet before the near one."""
+    """Holes of 0.6 m in every 5 m, deep shade, a lorry before the far half, a bonnet
+    before the near one.
+    """
     image = drawn()
-    lorry = np.where(Road(CAMERA).cover(lambda x, y: (x > 14) & (y > 0.8)) > 0.5, np.uint8([60, 60, 70]), image)
+    lorry = np.where(
+        Road(CAMERA).cover(lambda x, y: (x > 14) & (y > 0.8)) > 0.5,
+        np.uint8([60, 60, 70]),
+        image,
+    )
     shaded = Road(CAMERA).lines(1.7).shade(lambda x, y: (x > 8) & (x < 14), 0.7).image()
-    bonnet = np.where(Road(CAMERA).cover(lambda x, y: x < 10) > 0.5, np.uint8([30, 30, 35]), image)
-    kinds = [kind_of(paint_in(seen)) for seen in (drawn(dash_m=(4.4, 5.0)), shaded, lorry, bonnet)]
+    bonnet = np.where(
+        Road(CAMERA).cover(lambda x, y: x < 10) > 0.5, np.uint8([30, 30, 35]), image
+    )
+    kinds = [
+        kind_of(paint_in(seen))
+        for seen in (drawn(dash_m=(4.4, 5.0)), shaded, lorry, bonnet)
+    ]
     assert kinds == ["solid"] * 4
 
 
-@pytest.mark.parametrize("dash_m", [(6.0, 18.0), (10.0, 30.0)], ids=["Germany", "longer than the view"])
+@pytest.mark.parametrize(
+    "dash_m", [(6.0, 18.0), (10.0, 30.0)], ids=["Germany", "longer than the view"]
+)
 def test_dashes_show_while_driving(dash_m):
     """An image every 10 m: from the fourth one on the line is dashed, and stays so."""
-    votes, kinds = NO_VOTES, []
+    votes = NO_VOTES
+    kinds = []
     for driven_m in np.arange(0.0, 120.0, 10.0):
-        paint = paint_in(Road(SMALL).lines(1.7, dash_m=dash_m, phase_m=5.0 - driven_m).image())
+        paint = paint_in(
+            Road(SMALL).lines(1.7, dash_m=dash_m, phase_m=5.0 - driven_m).image()
+        )
         votes = votes.add(paint) if paint else votes
         kinds.append(votes.kind)
     assert set(kinds[3:]) == {"dashed"}
 
 
 def test_what_lies_farther_back_counts_less():
-    yellow = MarkingProfile(0.35, 0.0, gap=1.0, yellowness=0.9, seen_m=15.0, painted_m=4.0, bare_m=10.0)
+    yellow = MarkingProfile(
+        0.35, 0.0, gap=1.0, yellowness=0.9, seen_m=15.0, painted_m=4.0, bare_m=10.0
+    )
     white = replace(yellow, width_m=0.12, yellowness=0.0, painted_m=15.0, bare_m=0.0)
     votes = NO_VOTES
     assert (votes.colour, votes.kind, votes.double) == (None, None, None)

@@ -27,7 +27,8 @@ from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
 from tests.support.painted_roads import ASPHALT, Arc, Road, dashcam
 
 CAMERA = dashcam()
-LEFT_M, RIGHT_M = 1.8, -1.7
+LEFT_M = 1.8
+RIGHT_M = -1.7
 AHEAD_M = np.array([6.0, 10.0, 15.0, 20.0, 30.0])
 # As bright as the road, and less yellow: only a network for its colour sees it.
 PINK = (141, 68, 141)

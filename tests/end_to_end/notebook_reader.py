@@ -129,9 +129,9 @@ def expect_correct(number: str, code: str, run: Run) -> None:
 
 def expect_hint(number: str, code: str, hint: str, run: Run) -> None:
     text = run(code)
-    assert text.startswith(f"{number}: ") and hint in text and "correct" not in text, (
-        text
-    )
+    assert text.startswith(f"{number}: "), text
+    assert hint in text, text
+    assert "correct" not in text, text
 
 
 def exercises() -> list[tuple[str, str, str]]:

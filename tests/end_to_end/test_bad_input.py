@@ -1,7 +1,8 @@
 """Every command with damaged, truncated and hostile files.
 
-A command prints a sentence that names the file, the fault and the remedy, and exits with status 2, without a traceback.
-It writes no output and keeps earlier results. The commands run in this process; pytest ends one that hangs.
+A command prints a sentence that names the file, the fault and the remedy, and exits
+with status 2, without a traceback. It writes no output and keeps earlier results. The
+commands run in this process; pytest ends one that hangs.
 """
 
 from __future__ import annotations
@@ -37,28 +38,62 @@ KINDS = {
     "predictions": ("predictions.jsonl", badfiles.LABELS),
     "labelme": ("label.json", badfiles.LABELME),
 }
-# Inputs of the commands: the kind of the file BAD, and the arguments; {in} is a folder of good files.
+# Inputs of the commands: the kind of the file BAD, and the arguments; {in} is a folder
+# of good files.
 CAMERA = ["--camera", "{in}/drive.yaml"]
 INPUTS = {
     "annotate video": ("video", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
     "annotate still": ("png", ["annotate", *CAMERA, "BAD", "-o", "{out}"]),
     "annotate still, no lens": ("jpg", ["annotate", "BAD", "-o", "{out}"]),
-    "annotate camera": ("camera", ["annotate", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}"]),
+    "annotate camera": (
+        "camera",
+        ["annotate", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}"],
+    ),
     "pose video": ("video", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
     "pose still": ("jpg", ["pose", "--hfov", "60", "BAD", "-o", "{out}/drive.yaml"]),
     "pose still, no lens": ("png", ["pose", "BAD", "-o", "{out}/drive.yaml"]),
-    "pose camera": ("camera", ["pose", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"]),
-    "detect video": ("video", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
-    "detect still": ("jpg", ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"]),
-    "detect camera": ("camera", ["detect", "--camera", "BAD", "{in}/still.png", "-o", "{out}/lanes.jsonl"]),
-    "explain video": ("video", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
+    "pose camera": (
+        "camera",
+        ["pose", "--camera", "BAD", "{in}/drive.mp4", "-o", "{out}/drive.yaml"],
+    ),
+    "detect video": (
+        "video",
+        ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"],
+    ),
+    "detect still": (
+        "jpg",
+        ["detect", *CAMERA, "--rows", "200:300:20", "BAD", "-o", "{out}/lanes.jsonl"],
+    ),
+    "detect camera": (
+        "camera",
+        ["detect", "--camera", "BAD", "{in}/still.png", "-o", "{out}/lanes.jsonl"],
+    ),
+    "explain video": (
+        "video",
+        ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"],
+    ),
     "explain still": ("png", ["explain", *CAMERA, "BAD", "-o", "{out}/explained.png"]),
     "calibrate": ("jpg", ["calibrate", "BAD", "-o", "{out}/drive.yaml"]),
-    "labels": ("labels", ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"]),
-    "predictions": ("predictions", ["score", "{in}/labels.jsonl", "BAD", "-o", "{out}/score.html"]),
-    "labels of labelme": ("labelme", ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"]),
-    "labels of a benchmark": ("labels", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "BAD"]),
-    "labelled still": ("png", ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"]),
+    "labels": (
+        "labels",
+        ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"],
+    ),
+    "predictions": (
+        "predictions",
+        ["score", "{in}/labels.jsonl", "BAD", "-o", "{out}/score.html"],
+    ),
+    "labels of labelme": (
+        "labelme",
+        ["score", "BAD", "{in}/predictions.jsonl", "-o", "{out}/score.html"],
+    ),
+    "labels of a benchmark": (
+        "labels",
+        ["benchmark", *CAMERA, "--system", "tracker", "--labels", "BAD"],
+    ),
+    "labelled still": (
+        "png",
+        ["benchmark", *CAMERA, "--system", "tracker", "--labels", "{in}/bad.jsonl"],
+    ),
 }
 # No faults: a truncated text file may still be valid.
 FINE = {("camera", "cut at 90 %"), ("labels", "cut at 90 %"), ("labels", "cut at 50 %")}
@@ -67,7 +102,8 @@ FINE |= {("predictions", "cut at 90 %"), ("predictions", "cut at 50 %")}
 COMPANIONS = {".csv": badfiles.TRUTH, ".mp4": badfiles.VIDEO, ".yaml": badfiles.CAMERA}
 
 
-# Faults that every command is given; the first command that reads a kind of file gets all others as well.
+# Faults that every command is given; the first command that reads a kind of file gets
+# all others as well.
 OF_EACH = {"missing", "folder", "pipe", "cut at 50 %", "text"}
 
 
@@ -87,12 +123,24 @@ def good(tmp_path_factory) -> Path:
     write_drive(folder / "drive.mp4", BENDS, 5)
     for suffix in ("png", "jpg"):
         write_image(folder / f"still.{suffix}", BENDS.frame(0.0))
-    label = {"h_samples": [200, 220, 240, 260, 280, 300], "lanes": [[300] * 6, [340] * 6]}
-    *lines, bad = (json.dumps({"raw_file": f"{name}.png"} | label) + "\n" for name in ("a", "b", "c", "d", "bad/BAD"))
-    content = labelme_file("a.png", (640, 360), [line_strip("left", (300, 200), (300, 300))])
+    label = {
+        "h_samples": [200, 220, 240, 260, 280, 300],
+        "lanes": [[300] * 6, [340] * 6],
+    }
+    *lines, bad = (
+        json.dumps({"raw_file": f"{name}.png"} | label) + "\n"
+        for name in ("a", "b", "c", "d", "bad/BAD")
+    )
+    content = labelme_file(
+        "a.png", (640, 360), [line_strip("left", (300, 200), (300, 300))]
+    )
     content["flags"] = {"checked": True}
     (folder / "label.json").write_text(json.dumps(content, indent=2))
-    for name, text in {"bad": bad, "labels": "".join(lines), "predictions": "".join(lines)}.items():
+    for name, text in {
+        "bad": bad,
+        "labels": "".join(lines),
+        "predictions": "".join(lines),
+    }.items():
         (folder / f"{name}.jsonl").write_text(text)
     return folder
 
@@ -109,7 +157,11 @@ def out(tmp_path) -> Path:
 
 
 def contents(folder: Path) -> dict[str, bytes]:
-    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        str(path.relative_to(folder)): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def peak_mb() -> float:
@@ -117,7 +169,9 @@ def peak_mb() -> float:
 
 
 @pytest.mark.parametrize(("where", "bad"), list(rows()))
-def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_path, monkeypatch, capfd):
+def test_a_bad_file_is_named_and_nothing_is_written(
+    where, bad, good, out, tmp_path, monkeypatch, capfd
+):
     kind, arguments = INPUTS[where]
     name, own = KINDS[kind]
     spoil, words = (badfiles.ANY | own)[bad]
@@ -128,97 +182,223 @@ def test_a_bad_file_is_named_and_nothing_is_written(where, bad, good, out, tmp_p
     spoil(path, (good / name).read_bytes())
     if bad == "no right to read" and os.geteuid() == 0:
         access = os.access
-        monkeypatch.setattr(os, "access", lambda file, mode: Path(file) != path and access(file, mode))
+        monkeypatch.setattr(
+            os, "access", lambda file, mode: Path(file) != path and access(file, mode)
+        )
     monkeypatch.chdir(tmp_path)
-    before, there, most_mb = contents(out), {*tmp_path.iterdir()}, peak_mb() + 300
-    status = main([str(path) if word == "BAD" else word.format(**{"in": good, "out": out}) for word in arguments])
+    before = contents(out)
+    there = {*tmp_path.iterdir()}
+    most_mb = peak_mb() + 300
+    status = main(
+        [
+            str(path) if word == "BAD" else word.format(**{"in": good, "out": out})
+            for word in arguments
+        ]
+    )
     printed, err = capfd.readouterr()
     sentence = err.rpartition("error: ")[2]
     assert status == 2, err
-    assert re.search(words, sentence) and ("BAD" in sentence or bad == "another shape"), err
-    assert re.search(r"[;:] .*[a-z]", sentence) and sentence.rstrip().endswith(".") or "\n" in sentence.strip(), err
-    assert "Traceback" not in err and "Warning" not in err
-    assert contents(out) == before and {*tmp_path.iterdir()} == there
+    assert re.search(words, sentence), err
+    assert "BAD" in sentence or bad == "another shape", err
+    assert (
+        re.search(r"[;:] .*[a-z]", sentence)
+        and sentence.rstrip().endswith(".")
+        or "\n" in sentence.strip()
+    ), err
+    assert "Traceback" not in err
+    assert "Warning" not in err
+    assert contents(out) == before
+    assert {*tmp_path.iterdir()} == there
     assert peak_mb() < most_mb
 
 
 @pytest.mark.parametrize(
     ("suffix", "bad"),
-    [(".csv", "no columns"), (".csv", "words for numbers"), (".mp4", "ffconcat"), (".yaml", "alias bomb")],
+    [
+        (".csv", "no columns"),
+        (".csv", "words for numbers"),
+        (".mp4", "ffconcat"),
+        (".yaml", "alias bomb"),
+    ],
 )
-def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(suffix, bad, good, tmp_path, monkeypatch, capfd):
+def test_a_drive_with_bad_truth_camera_or_video_is_not_scored(
+    suffix, bad, good, tmp_path, monkeypatch, capfd
+):
     """Only a few faults, because each starts worker processes."""
     monkeypatch.setenv("LANES_CACHE", str(tmp_path / "cache"))
     for companion in COMPANIONS:
         shutil.copy(good / f"drive{companion}", tmp_path / f"BAD{companion}")
     spoil, words = (badfiles.ANY | COMPANIONS[suffix])[bad]
     spoil(tmp_path / f"BAD{suffix}", (good / f"drive{suffix}").read_bytes())
-    status = main(["benchmark", "--system", "tracker", str(tmp_path / "BAD.mp4"), "-o", str(tmp_path / "out")])
+    status = main(
+        [
+            "benchmark",
+            "--system",
+            "tracker",
+            str(tmp_path / "BAD.mp4"),
+            "-o",
+            str(tmp_path / "out"),
+        ]
+    )
     err = capfd.readouterr().err
-    assert status == 2 and f"BAD{suffix}" in err and re.search(words, err), err
-    assert "Traceback" not in err and not (tmp_path / "out").exists()
+    assert status == 2, err
+    assert f"BAD{suffix}" in err, err
+    assert re.search(words, err), err
+    assert "Traceback" not in err
+    assert not (tmp_path / "out").exists()
 
 
 def test_odd_names_are_accepted(good, tmp_path, monkeypatch, capfd):
-    """For inputs and outputs of every command; after -- a leading dash is not an option."""
+    """For inputs and outputs of every command; after -- a leading dash is not an
+    option.
+    """
     monkeypatch.chdir(tmp_path)
     for name in badfiles.ODD_NAMES:
         for suffix in (".mp4", ".png", ".yaml"):
-            shutil.copy(good / {".png": "still.png"}.get(suffix, f"drive{suffix}"), f"{name}{suffix}")
-    videos, stills = ([f"{name}{suffix}" for name in badfiles.ODD_NAMES] for suffix in (".mp4", ".png"))
+            shutil.copy(
+                good / {".png": "still.png"}.get(suffix, f"drive{suffix}"),
+                f"{name}{suffix}",
+            )
+    videos, stills = (
+        [f"{name}{suffix}" for name in badfiles.ODD_NAMES]
+        for suffix in (".mp4", ".png")
+    )
     name = badfiles.ODD_NAMES[-2]
-    options = ["--end=0.04", "--quiet", f"--camera={name}.yaml", f"--output={name} out", "--"]
-    assert main(["annotate", *options, *videos, *stills[:2]]) == 0, capfd.readouterr().err
-    written = {f"{other}{suffix}" for other in badfiles.ODD_NAMES for suffix in (".mp4", ".csv", ".html")}
+    options = [
+        "--end=0.04",
+        "--quiet",
+        f"--camera={name}.yaml",
+        f"--output={name} out",
+        "--",
+    ]
+    assert main(["annotate", *options, *videos, *stills[:2]]) == 0, (
+        capfd.readouterr().err
+    )
+    written = {
+        f"{other}{suffix}"
+        for other in badfiles.ODD_NAMES
+        for suffix in (".mp4", ".csv", ".html")
+    }
     assert names(Path(f"{name} out")) == written | {*stills[:2], "pictures.csv"}
-    page = Path(f"{name} out/<img src=x>.html").read_text(encoding="utf-8", errors="replace")
-    assert "<img src=x>" not in page and "&lt;img src=x&gt;.mp4" in page
+    page = Path(f"{name} out/<img src=x>.html").read_text(
+        encoding="utf-8", errors="replace"
+    )
+    assert "<img src=x>" not in page
+    assert "&lt;img src=x&gt;.mp4" in page
     name = badfiles.ODD_NAMES[-1]
-    options = ["--rows=200:300:20", f"--camera={name}.yaml", f"--output={name}.jsonl", "--"]
+    options = [
+        "--rows=200:300:20",
+        f"--camera={name}.yaml",
+        f"--output={name}.jsonl",
+        "--",
+    ]
     assert main(["detect", *options, *stills[2:5]]) == 0
     assert len(Path(f"{name}.jsonl").read_text().splitlines()) == 3
     save_camera(SMALL.with_pose(None), "-lens.yaml")
-    assert main(["pose", "--camera=-lens.yaml", "--output=-out \u2713.yaml", str(good / "still.png")]) == 0
+    assert (
+        main(
+            [
+                "pose",
+                "--camera=-lens.yaml",
+                "--output=-out \u2713.yaml",
+                str(good / "still.png"),
+            ]
+        )
+        == 0
+    )
     assert load_camera("-out \u2713.yaml").pose is not None
-    assert main(["explain", "--camera=-rf.yaml", "--output=-why.png", "--", "-rf.mp4"]) == 0
-    assert read_image("-why.png").size and not Path("owned").exists()
+    assert (
+        main(["explain", "--camera=-rf.yaml", "--output=-why.png", "--", "-rf.mp4"])
+        == 0
+    )
+    assert read_image("-why.png").size
+    assert not Path("owned").exists()
 
 
 @pytest.mark.parametrize(
-    ("command", "size"), [("pose", (1, 1)), ("annotate", (3, 360)), ("explain", (640, 3)), ("detect", (47, 64))]
+    ("command", "size"),
+    [
+        ("pose", (1, 1)),
+        ("annotate", (3, 360)),
+        ("explain", (640, 3)),
+        ("detect", (47, 64)),
+    ],
 )
-def test_pictures_too_small_for_a_road_are_refused(command, size, good, tmp_path, monkeypatch, capfd):
+def test_pictures_too_small_for_a_road_are_refused(
+    command, size, good, tmp_path, monkeypatch, capfd
+):
     monkeypatch.chdir(tmp_path)
     write_image("tiny.png", read_image(good / "still.png")[: size[1], : size[0]])
     before = contents(tmp_path)
-    assert main([command, "--hfov", "60", "tiny.png", "-o", "out.png" if command == "explain" else "out"]) in (0, 1)
+    assert main(
+        [
+            command,
+            "--hfov",
+            "60",
+            "tiny.png",
+            "-o",
+            "out.png" if command == "explain" else "out",
+        ]
+    ) in (0, 1)
     err = capfd.readouterr().err
-    assert "Traceback" not in err and (command == "explain" or "tiny.png" in err)
+    assert "Traceback" not in err
+    assert command == "explain" or "tiny.png" in err
     assert command == "explain" or contents(tmp_path) == before
 
 
 def test_damaged_frames_are_counted_and_left_out(good, tmp_path, capfd):
-    """In the message, the table, the report and the JSON lines; the other frames keep their numbers."""
+    """In the message, the table, the report and the JSON lines; the other frames keep
+    their numbers.
+    """
     video = write_drive(tmp_path / "drive.mp4", BENDS, 12)
     data = bytearray(video.read_bytes())
-    half, end = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2, data.index(b"moov") - 4
+    half = data.index(b"mdat") + (data.index(b"moov") - data.index(b"mdat")) // 2
+    end = data.index(b"moov") - 4
     data[half : half + 3000], data[end - 2000 : end] = bytes(3000), bytes(2000)
     video.write_bytes(data)
-    out, camera = tmp_path / "out", ["--camera", str(good / "drive.yaml")]
+    out = tmp_path / "out"
+    camera = ["--camera", str(good / "drive.yaml")]
     assert main(["annotate", *camera, str(video), "-o", str(out)]) == 0
     words = r"drive\.mp4: (\d+) frames \((\d+) more (?:is|are) damaged or missing"
     frames, missing = map(int, re.search(words, capfd.readouterr().out).groups())
-    assert frames + missing == 12 and missing >= 1
+    assert frames + missing == 12
+    assert missing >= 1
     table = read_telemetry(out / "drive.csv")
     assert len(table["frame"]) == frames == inspect_video(out / "drive.mp4").frames
     assert set(np.diff(table["frame"])) > {1.0} or table["frame"][-1] < 11
     np.testing.assert_allclose(table["time_s"], table["frame"] / 25, atol=1e-3)
     assert f"({missing} more " in (out / "drive.html").read_text()
     videos = [str(video), str(good / "drive.mp4")]
-    assert main(["detect", *camera, "--rows=200:300:20", *videos, "-o", str(out / "lanes.jsonl")]) == 0
+    assert (
+        main(
+            [
+                "detect",
+                *camera,
+                "--rows=200:300:20",
+                *videos,
+                "-o",
+                str(out / "lanes.jsonl"),
+            ]
+        )
+        == 0
+    )
     found = [json.loads(line)["frame"] for line in (out / "lanes.jsonl").open()]
     assert found == [*table["frame"].tolist(), *range(5)]
-    assert re.search(rf"{frames + 5} pictures.*; {missing} more are damaged", capfd.readouterr().out)
+    assert re.search(
+        rf"{frames + 5} pictures.*; {missing} more are damaged", capfd.readouterr().out
+    )
     # truth and frames no longer belong together
-    assert main(["benchmark", "--system", "tracker", str(video), "-o", str(tmp_path / "scores")]) == 2
+    assert (
+        main(
+            [
+                "benchmark",
+                "--system",
+                "tracker",
+                str(video),
+                "-o",
+                str(tmp_path / "scores"),
+            ]
+        )
+        == 2
+    )
     assert "drive.mp4: " in capfd.readouterr().err

@@ -130,10 +130,8 @@ def test_the_measures_next_to_the_video(page):
     assert unknown == ["offset unknown", "bend unknown", "unknown", "unknown | dashed"]
     seek(page, 2.0)
     assert text_of(page, "offset") == "0.27 ± 0.02 m left of centre"
-    assert (
-        text_of(page, "lines") == "yellow double solid | dashed"
-        and text_of(page, "width") == "3.60 m"
-    )
+    assert text_of(page, "lines") == "yellow double solid | dashed"
+    assert text_of(page, "width") == "3.60 m"
     assert text_of(page, "bend") == describe_bend(1e-3, 1e-4) == "bends left, R 1000 m"
 
 
@@ -161,12 +159,12 @@ def curve(page, name: str, kind: str) -> list[np.ndarray]:
 def test_curves_have_gaps_and_a_band_of_one_standard_deviation(
     page, name, column, unit
 ):
-    telemetry, suffix = story(), "_m" if name == "offset" else "_per_m"
-    values, std = (
-        unit * telemetry[column + suffix],
-        unit * telemetry[f"{column}_std{suffix}"],
-    )
-    lines, bands = curve(page, name, "line"), curve(page, name, "band")
+    telemetry = story()
+    suffix = "_m" if name == "offset" else "_per_m"
+    values = unit * telemetry[column + suffix]
+    std = unit * telemetry[f"{column}_std{suffix}"]
+    lines = curve(page, name, "line")
+    bands = curve(page, name, "band")
     for frames, line, band in zip(
         (np.arange(90), np.arange(120, 200)), lines, bands, strict=True
     ):
@@ -240,7 +238,8 @@ def test_worst_moments_and_their_buttons(page):
     assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
     assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
     headings = page.texts("nav h3")
-    assert headings == page.value("Object.keys(worstMoments())") and len(headings) == 5
+    assert headings == page.value("Object.keys(worstMoments())")
+    assert len(headings) == 5
     assert page.texts("nav button")[0] == "0:04.5 lost for 1.5 s"
     page.click("nav button")
     page.wait("!video.seeking && video.currentTime > 0")
@@ -285,7 +284,8 @@ def test_hostile_names_are_escaped_and_nothing_is_fetched(page):
     fetched = page.value("performance.getEntriesByType('resource').map(e => e.name)")
     assert all(name.startswith(("blob:", "file:")) for name in fetched)
     assert page.value("document.title") == f"{HOSTILE}: lane report"
-    assert page.texts("img") == [] and page.texts("h1") == [HOSTILE]
+    assert page.texts("img") == []
+    assert page.texts("h1") == [HOSTILE]
     # The policy of the page also stops a script in markup that is inserted later.
     page.execute_script(
         "document.body.insertAdjacentHTML("
@@ -319,7 +319,8 @@ def test_the_page_fits_every_screen_and_scheme(page):
             .map(s => s.getBoundingClientRect());
           return boxes.map(b =>
             Math.max(Math.abs(a.left - b.left), Math.abs(a.right - b.right)))""")
-        assert len(gaps) == 4 and max(gaps) < 0.6
+        assert len(gaps) == 4
+        assert max(gaps) < 0.6
     width, height = page.value(
         "(box => [box.width, box.height])(video.getBoundingClientRect())"
     )

@@ -1,4 +1,6 @@
-"""Runs that are stopped, killed or out of disk space: each file is the old one or the whole new one."""
+"""Runs that are stopped, killed or out of disk space: each file is the old one or the
+whole new one.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +30,8 @@ from tests.support.project import names
 
 FRAMES = 40
 
-# Writes each kind of file repeatedly, as the commands do, and prints a line before it starts.
+# Writes each kind of file repeatedly, as the commands do, and prints a line before it
+# starts.
 WRITES = """
 import sys
 from pathlib import Path
@@ -57,11 +60,15 @@ def require_whole(folder: Path) -> None:
     """Check that every existing file of WRITES can be read to its end."""
     whole: dict[str, Callable[[Path], object]] = {
         "a.png": read_image,
-        "a.jsonl": lambda path: [json.loads(line) for line in path.read_text().splitlines()][199],
+        "a.jsonl": lambda path: [
+            json.loads(line) for line in path.read_text().splitlines()
+        ][199],
         "a.csv": lambda path: read_telemetry(path)["turn"][199],
         "a.yaml": load_camera,
         "a.html": lambda path: path.read_bytes().index(b"</p>"),
-        "a.mp4": lambda path: [inspect_video(path).frames][4 - inspect_video(path).frames],
+        "a.mp4": lambda path: [inspect_video(path).frames][
+            4 - inspect_video(path).frames
+        ],
     }
     for name in names(folder) & NAMES:
         whole[name](folder / name)
@@ -77,7 +84,8 @@ def test_stopped_at_any_moment_files_are_old_or_new_and_whole(tmp_path):
             child.send_signal(number)
             with suppress(subprocess.TimeoutExpired):
                 child.communicate(timeout=10)
-            # Python ignores an interrupt in a destructor, here in one of 300 runs: then a user presses Ctrl-C again.
+            # Python ignores an interrupt in a destructor, here in one of 300 runs: then
+            # a user presses Ctrl-C again.
             child.send_signal(number)
             child.communicate(timeout=WAIT_S)
         require_whole(tmp_path)
@@ -98,7 +106,15 @@ def drive(tmp_path_factory) -> Path:
 
 
 def annotate(drive: Path, out: Path) -> list:
-    return ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", "-o", out, "--quiet"]
+    return [
+        "annotate",
+        "--camera",
+        drive / "drive.yaml",
+        drive / "drive.mp4",
+        "-o",
+        out,
+        "--quiet",
+    ]
 
 
 def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
@@ -110,55 +126,125 @@ def test_of_two_runs_on_one_output_the_first_wins(drive, tmp_path):
         status, _, err = run(*annotate(drive, out), "--end", "0.2")
         first.send_signal(signal.SIGCONT)
         assert first.wait(timeout=WAIT_S) == 0
-    assert status == 1 and "drive.mp4: cannot be written (another run is writing it" in err
+    assert status == 1
+    assert "drive.mp4: cannot be written (another run is writing it" in err
     assert names(out) == {"drive.mp4", "drive.csv", "drive.html"}
-    assert inspect_video(out / "drive.mp4").frames == len(read_telemetry(out / "drive.csv")["frame"]) == FRAMES
+    assert (
+        inspect_video(out / "drive.mp4").frames
+        == len(read_telemetry(out / "drive.csv")["frame"])
+        == FRAMES
+    )
 
 
-OLD = {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv", "lanes.jsonl", "camera.yaml"}
+OLD = {
+    "drive.mp4",
+    "drive.csv",
+    "drive.html",
+    "still.png",
+    "pictures.csv",
+    "lanes.jsonl",
+    "camera.yaml",
+}
 # Commands, and a limit on the size of their files that is too small for one of them.
 FULL = {
     "video": (20_000, annotate),
     "table": (1_000, annotate),
-    "still": (1_000, lambda drive, out: ["annotate", "--camera", drive / "drive.yaml", drive / "still.png", "-o", out]),
-    "lines": (100, lambda d, out: ["detect", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "lanes.jsonl"]),
-    "camera": (100, lambda d, out: ["pose", "--camera", d / "drive.yaml", d / "still.png", "-o", out / "camera.yaml"]),
+    "still": (
+        1_000,
+        lambda drive, out: [
+            "annotate",
+            "--camera",
+            drive / "drive.yaml",
+            drive / "still.png",
+            "-o",
+            out,
+        ],
+    ),
+    "lines": (
+        100,
+        lambda d, out: [
+            "detect",
+            "--camera",
+            d / "drive.yaml",
+            d / "still.png",
+            "-o",
+            out / "lanes.jsonl",
+        ],
+    ),
+    "camera": (
+        100,
+        lambda d, out: [
+            "pose",
+            "--camera",
+            d / "drive.yaml",
+            d / "still.png",
+            "-o",
+            out / "camera.yaml",
+        ],
+    ),
 }
 
 
 @pytest.mark.parametrize("what", FULL)
 def test_file_size_limit(what, drive, tmp_path):
-    """The system refuses to write more, as on a full disk: a sentence, status 1, and the old files stay."""
+    """The system refuses to write more, as on a full disk: a sentence, status 1, and
+    the old files stay.
+    """
     limit_bytes, arguments = FULL[what]
     for name in OLD:
         (tmp_path / name).write_text(f"old {name}")
     status, _, err = run(*arguments(drive, tmp_path), limit_bytes=limit_bytes)
-    assert status == 1 and "cannot be written" in err and "Traceback" not in err, err
+    assert status == 1, err
+    assert "cannot be written" in err, err
+    assert "Traceback" not in err, err
     assert {path.name for path in tmp_path.rglob("*") if path.is_file()} == OLD
-    assert {name for name in OLD if (tmp_path / name).read_text() != f"old {name}"} == set()
+    assert {
+        name for name in OLD if (tmp_path / name).read_text() != f"old {name}"
+    } == set()
 
 
 def test_the_output_of_a_killed_encoder_is_refused(tmp_path, monkeypatch):
-    """The encoder of the renderer is a separate process; here it wrote half of the frames."""
+    """The encoder of the renderer is a separate process; here it wrote half of the
+    frames.
+    """
 
     def half(path: Path, *_: object) -> list[dict]:
         write_drive(path, BENDS, 2)
         return [{"frame": number} for number in range(4)]
 
     monkeypatch.setattr(render, "_encode", half)
-    with pytest.raises(OSError, match=r"a\.mp4: cannot be written \(the encoder wrote fewer than 4 frames"):
+    with pytest.raises(
+        OSError,
+        match=r"a\.mp4: cannot be written \(the encoder wrote fewer than 4 frames",
+    ):
         render.write_video(tmp_path / "a.mp4", drive=project_video(), seconds=4 / 25)
     assert not (tmp_path / "a.mp4").exists()
 
 
 @pytest.mark.parametrize("output", [">/dev/full", "| true", ">&-"])
 def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, output):
-    """A full disk, `| head` that has read enough, none as under some schedulers; nor in ASCII. The files decide."""
+    """A full disk, `| head` that has read enough, none as under some schedulers; nor in
+    ASCII. The files decide.
+    """
     out = tmp_path / "hin und zur\u00fcck"
-    words = ["annotate", "--camera", drive / "drive.yaml", drive / "drive.mp4", drive / "still.png", "-o", out]
+    words = [
+        "annotate",
+        "--camera",
+        drive / "drive.yaml",
+        drive / "drive.mp4",
+        drive / "still.png",
+        "-o",
+        out,
+    ]
     script = f'set -o pipefail; export PYTHONIOENCODING=ascii; "$@" {output}'
     with popen(["bash", "-c", script, "bash", *command_line.process(*words)]) as child:
         _, err = child.communicate(timeout=WAIT_S)
     assert (child.returncode, err) == (0, "")
-    assert names(out) == {"drive.mp4", "drive.csv", "drive.html", "still.png", "pictures.csv"}
+    assert names(out) == {
+        "drive.mp4",
+        "drive.csv",
+        "drive.html",
+        "still.png",
+        "pictures.csv",
+    }
     assert inspect_video(out / "drive.mp4").frames == FRAMES

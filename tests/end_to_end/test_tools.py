@@ -74,7 +74,8 @@ def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurement
 
 @pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda mechanism: mechanism.name)
 def test_each_mechanism_changes_exactly_its_settings(mechanism):
-    settings, default = mechanism.settings(), TrackerSettings()
+    settings = mechanism.settings()
+    default = TrackerSettings()
     assert settings != default
     for path in mechanism.off:
         settings = with_value(settings, path.split("."), attrgetter(path)(default))
@@ -114,7 +115,8 @@ def test_long_drives_count_no_more_than_short_ones():
 def test_the_constant_of_a_network_corrects_the_mean_confidence_if_any_lane_is_right(
     monkeypatch,
 ):
-    log_odds, chance = np.linspace(-4, 4, 4001), np.random.default_rng(0).random(4001)
+    log_odds = np.linspace(-4, 4, 4001)
+    chance = np.random.default_rng(0).random(4001)
     weight = 1 + (log_odds > 0)
     assert fit_shift(
         log_odds, chance < logistic(log_odds - 1.5), weight
@@ -137,9 +139,8 @@ def test_lanes_are_judged_by_their_own_truth():
     )
     frames = [BENDS.frame(i / 12.5) for i in range(5)]
     followed, alone = label_lanes(frames, BENDS.camera, truth, group="bends")
-    assert [len(followed), len(alone)] == [5, 2] and all(
-        one.right for one in followed + alone
-    )
+    assert [len(followed), len(alone)] == [5, 2]
+    assert all(one.right for one in followed + alone)
     aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
     assert not any(
         one.right
@@ -151,14 +152,16 @@ def test_lanes_are_judged_by_their_own_truth():
 CAMERA = dashcam()
 VIEW = BirdsEyeView(CAMERA)
 # Both lines of a lane.
-LEFT_M, RIGHT_M = 1.8, -1.7
+LEFT_M = 1.8
+RIGHT_M = -1.7
 
 
 def test_cells_are_labelled_where_pictures_with_and_without_lines_differ():
     """Cells with paint are 1 within the width of the line, and 0 elsewhere; noise in
     both pictures is no paint.
     """
-    fine, road = finer_view(VIEW), Road(CAMERA, noise=6.0)
+    fine = finer_view(VIEW)
+    road = Road(CAMERA, noise=6.0)
     bare = road.image()
     for lateral_m in (LEFT_M, RIGHT_M):
         road.line(lambda x, y=lateral_m: y + 0 * x)
@@ -176,24 +179,30 @@ def test_samples_are_the_same_in_each_run_and_have_the_edges_of_their_road():
     first, again = (take_sample(14) for _ in range(2))
     np.testing.assert_array_equal(first.fine_image, again.fine_image)
     np.testing.assert_array_equal(first.label, again.label)
-    assert len(first.label) == 2 and set(np.unique(first.label)) == {0, 1, UNKNOWN}
-    assert 0.003 < (first.label == 1).mean() < 0.1 and (first.label[1] == 1).any()
+    assert len(first.label) == 2
+    assert set(np.unique(first.label)) == {0, 1, UNKNOWN}
+    assert 0.003 < (first.label == 1).mean() < 0.1
+    assert (first.label[1] == 1).any()
     without_road = take_sample(20).label
-    assert set(np.unique(without_road)) <= {0, UNKNOWN} and 0 in without_road
+    assert set(np.unique(without_road)) <= {0, UNKNOWN}
+    assert 0 in without_road
 
 
 def test_worn_and_hidden_paint_is_connected_to_visible_paint_of_its_line():
     """Cells of the line near visible paint are paint; those far from any are left open,
     as is a blurred colour.
     """
-    visible, lines = np.zeros((60, 30), np.uint8), np.zeros((60, 30), bool)
+    visible = np.zeros((60, 30), np.uint8)
+    lines = np.zeros((60, 30), bool)
     lines[5:50, 14:17] = True
     visible[[6, 12], 15] = 1
     visible[8, 22] = 1
     connected = connect_paint(visible, lines)
     assert np.all(connected[5:23, 14:17] == 1)
-    assert np.all(connected[23:50, 14:17] == UNKNOWN) and connected[8, 22] == UNKNOWN
-    assert not connected[:, :13].any() and not connected[50:].any()
+    assert np.all(connected[23:50, 14:17] == UNKNOWN)
+    assert connected[8, 22] == UNKNOWN
+    assert not connected[:, :13].any()
+    assert not connected[50:].any()
 
 
 SOURCE = '''"""Module."""
@@ -217,7 +226,8 @@ def test_tokens_of_code_are_counted_without_docstrings_and_comments():
 
 
 def test_wide_lines_and_the_line_that_nine_of_ten_do_not_exceed():
-    narrow, wide = CodeLine(tokens=2, columns=88), CodeLine(tokens=12, columns=89)
+    narrow = CodeLine(tokens=2, columns=88)
+    wide = CodeLine(tokens=12, columns=89)
     density = Density.of([narrow] * 9 + [wide])
     assert density == Density(
         lines=10, tokens=30, mean=3.0, nine_of_ten=12, wide_share=0.1
