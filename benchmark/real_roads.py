@@ -370,7 +370,7 @@ def _score_stills(
 def _score_clip(
     roads: RoadSet, clip: Path, settings: TrackerSettings
 ) -> list[ScoredLane]:
-    """Scores of the labels of a clip, which is tracked up to its last labelled frame."""
+    """Scores of the labels of a clip, tracked up to its last labelled frame."""
     labels = roads.clips[clip]
     info = inspect_video(clip)
     lens = _camera((info.width, info.height), clip)
