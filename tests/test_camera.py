@@ -522,7 +522,9 @@ class TestACommittedFile:
         ("name", "columns"),
         [("camera_matrix", 3), ("rectification_matrix", 3), ("projection_matrix", 4)],
     )
-    def test_has_each_matrix_with_its_shape(self, entries, name, columns):
+    def test_a_committed_camera_file_has_what_the_parser_of_ros_requires(
+        self, entries, name, columns
+    ):
         matrix = entries[name]
         assert (matrix["rows"], matrix["cols"]) == (3, columns)
         assert len(matrix["data"]) == 3 * columns

@@ -435,7 +435,7 @@ class TestTheScale:
 
         return width_m
 
-    def test_of_a_drive_is_that_of_its_height(self, lorry, width_m):
+    def test_is_proportional_to_the_height(self, lorry, width_m):
         low_m = width_m(lorry, "--height", 1.1)
         high_m = width_m(lorry, "--height", 1.3)
         assert high_m == pytest.approx(3.6, abs=0.2)
@@ -445,6 +445,8 @@ class TestTheScale:
         ("options", "expected_m", "abs_m"),
         [(("--height", 1.3), 3.6, 0.2), (("--lane-width", 3.2), 3.2, 0.12)],
     )
-    def test_of_a_still(self, tmp_path, width_m, options, expected_m, abs_m):
+    def test_height_and_lane_width_determine_the_scale(
+        self, tmp_path, width_m, options, expected_m, abs_m
+    ):
         still = write_image(tmp_path / "still.png", BENDS.frame(0))
         assert width_m(still, *options) == pytest.approx(expected_m, abs=abs_m)
