@@ -38,7 +38,8 @@ def curvature_ratio(drive: PaintedDrive, folder: Path) -> float:
     table = read_telemetry(folder / "drive.csv")
     true = [drive.truth(time_s).curvature_per_m for time_s in table["time_s"]]
     assert (table["confidence"][5:] > 0.5).all()
-    return float(np.median(table["curvature_per_m"][5:] / np.array(true)[5:]))
+    ratio = table["curvature_per_m"] / np.array(true)
+    return float(np.median(ratio[5:]))
 
 
 def annotate_wide(folder: Path, *options: object) -> tuple[str, str]:
