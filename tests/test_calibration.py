@@ -30,6 +30,7 @@ from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.freeway import DASHCAM
 from tests.support.command_line import run
 from tests.support.project import names
+from tests.support.shapes import intrinsics
 from tests.video.sample_videos import set_rotation
 
 SIZE = (1280, 720)
@@ -56,6 +57,10 @@ def boards() -> Boards:
     return true_boards(2, 3, 6, 8, 9, 10, 12, 13, 17, 19)
 
 
+def focal_px(camera: Camera) -> float:
+    return camera.matrix[0, 0]
+
+
 def assert_is_the_dashcam(camera: Camera) -> None:
     np.testing.assert_allclose(
         np.diag(camera.matrix), np.diag(DASHCAM.matrix), rtol=0.002
@@ -73,8 +78,8 @@ def test_rendered_boards_give_the_lens_they_were_taken_with():
 
     assert_is_the_dashcam(camera)
     assert camera.size == SIZE
-    v, u = np.meshgrid(np.linspace(0, 719, 9), np.linspace(0, 1279, 15))
-    pixels = np.column_stack([u.ravel(), v.ravel()])
+    v, u = np.mgrid[0:719:9j, 0:1279:15j].reshape(2, -1)
+    pixels = np.column_stack([u, v])
     angle_rad = np.linalg.norm(camera.rays(pixels) - DASHCAM.rays(pixels), axis=1)
     assert np.degrees(angle_rad).max() < 0.05
     assert camera.report.rejected == {}
@@ -132,8 +137,8 @@ def test_bad_boards_do_not_excuse_each_other():
 def wide_boards(fov_deg: float) -> tuple[Camera, Boards]:
     """A fisheye lens, and fourteen boards all over its image, with a finder's noise."""
     rng = np.random.default_rng(1)
-    focal_px = 640 / np.radians(fov_deg / 2)
-    matrix = np.array([[focal_px, 0, 650], [0, focal_px, 350], [0, 0, 1]])
+    wide_px = 640 / np.radians(fov_deg / 2)
+    matrix = intrinsics(wide_px, wide_px, 650, 350)
     camera = Camera(*SIZE, matrix, np.array([0.02, -0.01, 0.003, -0.001]))
     points = true_board(1).object_points - [4, 2.5, 0]
     boards = {}
@@ -161,7 +166,7 @@ def test_wide_lenses_get_the_model_that_fits(fov_deg, is_fisheye):
 
     camera = calibrate_boards(boards)
 
-    assert camera.matrix[0, 0] == pytest.approx(true.matrix[0, 0], rel=0.005)
+    assert focal_px(camera) == pytest.approx(focal_px(true), rel=0.005)
     assert camera.is_fisheye == is_fisheye
     assert camera.report.rejected == {}
     assert camera.report.rms_px < 0.4
@@ -193,7 +198,7 @@ def test_doubtful_boards_are_used_if_a_fisheye_lens_explains_them(partly_doubtfu
     camera = calibrate_boards(boards)
 
     assert camera.is_fisheye
-    assert camera.matrix[0, 0] == pytest.approx(true.matrix[0, 0], rel=0.005)
+    assert focal_px(camera) == pytest.approx(focal_px(true), rel=0.005)
     assert list(camera.report.rejected) == ["wrong.jpg"]
     assert "it is no board" in camera.report.rejected["wrong.jpg"]
 
@@ -277,7 +282,7 @@ class TestThreeBoards:
     def test_leave_an_uncertain_focal_length(self, camera):
         share = camera.report.focal_std_share
         assert 0.02 < share < 0.04
-        ratio = camera.matrix[0, 0] / DASHCAM.matrix[0, 0]
+        ratio = focal_px(camera) / focal_px(DASHCAM)
         assert abs(ratio - 1) < 3 * share
 
     def test_leave_its_uncertainty_in_the_file(self, camera, tmp_path):
@@ -396,7 +401,7 @@ def out(folder) -> str:
 class TestAFolderOfBoards:
     def test_gives_a_camera_file(self, folder, out):
         camera = load_camera(folder / "out" / "lens.yaml")
-        assert camera.matrix[0, 0] == pytest.approx(DASHCAM.matrix[0, 0], rel=0.01)
+        assert focal_px(camera) == pytest.approx(focal_px(DASHCAM), rel=0.01)
 
     @pytest.mark.parametrize(
         ("name", "use"),

@@ -32,6 +32,7 @@ from lanes.video.images import read_image
 from simulator.scenes.freeway import DASHCAM
 from tests.support.examples import examples
 from tests.support.project import ROOT
+from tests.support.shapes import intrinsics
 
 FOCAL_PX = 640 / np.tan(np.radians(30))
 POSES = st.builds(
@@ -97,7 +98,8 @@ def test_road_to_pixels_and_back(pose, x_m, y_m):
 
 
 def test_a_pixel_of_the_sky_gives_nan():
-    assert np.isnan(DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))).all()
+    road_m = DASHCAM.pixels_to_road(np.array([[640.0, 20.0]]))
+    assert np.isnan(road_m).all()
 
 
 @pytest.mark.parametrize(
@@ -125,9 +127,9 @@ def lenses(draw: st.DrawFn) -> Camera:
     k3 = draw(st.floats(-0.02, 0.02))
     p1 = draw(st.floats(-0.002, 0.002))
     p2 = draw(st.floats(-0.002, 0.002))
-    matrix = np.diag([focal_px, aspect * focal_px, 1])
-    matrix[0, 2] = width / 2 + draw(shift) * width
-    matrix[1, 2] = height / 2 + draw(shift) * width
+    u_px = width / 2 + draw(shift) * width
+    v_px = height / 2 + draw(shift) * width
+    matrix = intrinsics(focal_px, aspect * focal_px, u_px, v_px)
     camera = Camera(width, height, matrix, np.array([k1, k2, p1, p2, k3]))
 
     # the undistorted corners must be inside the monotonic range of the distortion
@@ -143,7 +145,7 @@ def lenses(draw: st.DrawFn) -> Camera:
 STRONG = Camera(
     1280,
     720,
-    np.array([[607.2, 0, 639.5], [0, 607.2, 359.5], [0, 0, 1]]),
+    intrinsics(607.2, 607.2, 639.5, 359.5),
     np.array([-0.247, 0.026, 0.001, -0.001, 0.017]),
 )
 
@@ -189,7 +191,8 @@ class TestTheMonotonicRange:
         barrel = replace(
             DASHCAM, distortion=[-0.3, tiny, 0, 0, tiny], pose=CameraPose(1.3)
         )
-        assert np.isnan(barrel.road_to_pixels(np.array([[2.0, 8.0]]))).all()
+        pixels = barrel.road_to_pixels(np.array([[2.0, 8.0]]))
+        assert np.isnan(pixels).all()
 
 
 LENSES = [
@@ -198,7 +201,7 @@ LENSES = [
     [0.1, 0.02, 0.0, 0.0, 0.01, 0.3, 0.1, 0.02],
     [0.02, -0.01, 0.003, -0.001],
 ]
-UNEVEN = np.array([[3400 / 3, 0, 1280 / 1.99], [0, 3420 / 3.01, 370 / 1.01], [0, 0, 1]])
+UNEVEN = intrinsics(3400 / 3, 3420 / 3.01, 1280 / 1.99, 370 / 1.01)
 
 
 @pytest.mark.parametrize("distortion", LENSES)
@@ -228,7 +231,7 @@ class TestAFisheyeLens:
     @pytest.fixture(params=[100, 175])
     def camera(self, request) -> Camera:
         focal_px = 640 / np.radians(request.param / 2)
-        matrix = np.array([[focal_px, 0, 639.5], [0, focal_px, 359.5], [0, 0, 1]])
+        matrix = intrinsics(focal_px, focal_px, 639.5, 359.5)
         camera = Camera(1280, 720, matrix, np.zeros(4), CameraPose(1.3, 0.05))
         assert camera.hfov_deg == pytest.approx(request.param, abs=0.1)
         return camera
@@ -254,7 +257,7 @@ class TestAFisheyeLens:
 LENS = Camera(
     1280,
     800,
-    np.array([[910.5, 0, 655.25], [0, 905.0, 388.5], [0, 0, 1]]),
+    intrinsics(910.5, 905.0, 655.25, 388.5),
     np.array([-0.31, 0.09, 0.001, -0.0005, 0.0]),
     CameraPose(1.4, 0.02),
 )
@@ -263,7 +266,9 @@ LENS = Camera(
 class TestASkew:
     """The pixel is K times the distorted direction, with all entries of K."""
 
-    camera = replace(LENS, matrix=LENS.matrix + [[0, 4.5, 0], [0, 0, 0], [0, 0, 0]])
+    matrix = LENS.matrix.copy()
+    matrix[0, 1] = 4.5
+    camera = replace(LENS, matrix=matrix)
 
     def test_is_that_of_the_projection(self):
         road_m = np.array([[6.0, 2.0], [15.0, -1.5], [40.0, 3.0]])
@@ -317,7 +322,8 @@ def test_the_field_of_view_is_the_one_asked_for(hfov_deg, lens, is_fisheye):
     assert not camera.calibrated
     assert camera.largest_ray == np.inf
     assert camera.hfov_deg == pytest.approx(hfov_deg)
-    rays = camera.rays(np.array([[-0.5, 539.5], [1919.5, 539.5]]))
+    borders = np.array([[-0.5, 539.5], [1919.5, 539.5]])
+    rays = camera.rays(borders)
     left_deg, right_deg = np.degrees(np.arctan(rays[:, 0]))
     assert right_deg - left_deg == pytest.approx(hfov_deg)
 
@@ -361,7 +367,9 @@ UPRIGHT_OF = {
 class TestAnOrientation:
     """Each pixel has its row and column on the sensor as its colour."""
 
-    stored = np.dstack([*np.indices((72, 128)), np.zeros((72, 128))]).astype(np.uint8)
+    stored = np.zeros((72, 128, 3), np.uint8)
+    stored[..., 0] = np.arange(72)[:, None]
+    stored[..., 1] = np.arange(128)
 
     @pytest.fixture
     def path(self, tmp_path, orientation) -> Path:
@@ -382,7 +390,7 @@ class TestAnOrientation:
         """The ray of a pixel of the upright image is that of the sensor's pixel, seen
         along the turned axes.
         """
-        matrix = np.array([[90.0, 0, 50], [0, 80, 30], [0, 0, 1]])
+        matrix = intrinsics(90, 80, 50, 30)
         camera = replace(DASHCAM, width=128, height=72, matrix=matrix, pose=None)
         image = read_image(path)
         on_sensor = image[..., 1::-1].astype(float)
@@ -522,7 +530,9 @@ class TestACommittedFile:
         ("name", "columns"),
         [("camera_matrix", 3), ("rectification_matrix", 3), ("projection_matrix", 4)],
     )
-    def test_has_each_matrix_with_its_shape(self, entries, name, columns):
+    def test_a_committed_camera_file_has_what_the_parser_of_ros_requires(
+        self, entries, name, columns
+    ):
         matrix = entries[name]
         assert (matrix["rows"], matrix["cols"]) == (3, columns)
         assert len(matrix["data"]) == 3 * columns

@@ -159,12 +159,13 @@ def test_large_images_are_searched_small_and_measured_whole():
 
 Y, X = np.mgrid[:240, :320]
 SQUARES = (X // 40 + Y // 40) % 2 * 200
+IN_THE_MIDDLE = (abs(X - 160) < 80) & (abs(Y - 120) < 80)
 WITHOUT_BOARD = {
     "flat": np.full((240, 320), 128),
     "noise": np.random.default_rng(1).integers(0, 256, (240, 320)),
     "stripes": (X // 20 % 2) * 255,
     # 3 x 3 inner corners: too few to be sure
-    "few squares": np.where((abs(X - 160) < 80) & (abs(Y - 120) < 80), SQUARES, 230),
+    "few squares": np.where(IN_THE_MIDDLE, SQUARES, 230),
 }
 
 
@@ -209,12 +210,14 @@ def test_a_pattern_with_fewer_rows_gives_no_grid_that_skips_one(pattern):
 
 def texture() -> np.ndarray:
     """Single pixels in turn black and white, in an image of usual size."""
-    gray = (np.indices((1200, 1600)) // 3).sum(axis=0) % 2 * 255
+    row, column = np.indices((1200, 1600)) // 3
+    gray = 255 * ((row + column) % 2)
     return cv2.cvtColor(gray.astype(np.uint8), cv2.COLOR_GRAY2RGB)
 
 
 def narrow() -> np.ndarray:
-    return np.random.default_rng(0).integers(0, 256, (20_000, 60, 3), np.uint8)
+    rng = np.random.default_rng(0)
+    return rng.integers(0, 256, (20_000, 60, 3), np.uint8)
 
 
 @pytest.mark.parametrize("make", [texture, narrow])

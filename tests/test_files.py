@@ -85,7 +85,8 @@ def test_permissions_are_those_of_any_new_file(tmp_path):
     other = tmp_path / "b"
     write_atomically(ours, b"")
     other.touch()
-    assert stat.S_IMODE(ours.stat().st_mode) == stat.S_IMODE(other.stat().st_mode)
+    mode = stat.S_IMODE(ours.stat().st_mode)
+    assert mode == stat.S_IMODE(other.stat().st_mode)
 
 
 def test_a_link_stays_a_link(tmp_path):

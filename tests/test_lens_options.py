@@ -38,7 +38,8 @@ def curvature_ratio(drive: PaintedDrive, folder: Path) -> float:
     table = read_telemetry(folder / "drive.csv")
     true = [drive.truth(time_s).curvature_per_m for time_s in table["time_s"]]
     assert (table["confidence"][5:] > 0.5).all()
-    return float(np.median(table["curvature_per_m"][5:] / np.array(true)[5:]))
+    ratio = table["curvature_per_m"] / np.array(true)
+    return float(np.median(ratio[5:]))
 
 
 def annotate_wide(folder: Path, *options: object) -> tuple[str, str]:
@@ -435,7 +436,7 @@ class TestTheScale:
 
         return width_m
 
-    def test_of_a_drive_is_that_of_its_height(self, lorry, width_m):
+    def test_is_proportional_to_the_height(self, lorry, width_m):
         low_m = width_m(lorry, "--height", 1.1)
         high_m = width_m(lorry, "--height", 1.3)
         assert high_m == pytest.approx(3.6, abs=0.2)
@@ -445,6 +446,8 @@ class TestTheScale:
         ("options", "expected_m", "abs_m"),
         [(("--height", 1.3), 3.6, 0.2), (("--lane-width", 3.2), 3.2, 0.12)],
     )
-    def test_of_a_still(self, tmp_path, width_m, options, expected_m, abs_m):
+    def test_height_and_lane_width_determine_the_scale(
+        self, tmp_path, width_m, options, expected_m, abs_m
+    ):
         still = write_image(tmp_path / "still.png", BENDS.frame(0))
         assert width_m(still, *options) == pytest.approx(expected_m, abs=abs_m)

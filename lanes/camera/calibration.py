@@ -179,13 +179,18 @@ def _add_image(found: BoardDetections, name: str, image: np.ndarray) -> None:
         )
     height, width = image.shape[:2]
     scale = min(_TILE_WIDTH_PX / width, _TILE_HEIGHT_PX / height)
-    size = (max(1, round(scale * width)), max(1, round(scale * height)))
-    found.tiles[name] = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    small_width = max(1, round(scale * width))
+    small_height = max(1, round(scale * height))
+    found.tiles[name] = cv2.resize(
+        image, (small_width, small_height), interpolation=cv2.INTER_AREA
+    )
 
 
 def _add_best(found: BoardDetections, seen: BoardDetections, *, is_video: bool) -> None:
     """Add the most different boards seen in a file, or its first image without one."""
-    chosen = _most_different(seen.boards)[:_VIDEO_BOARDS] or list(seen.tiles)[:1]
+    chosen = _most_different(seen.boards)[:_VIDEO_BOARDS]
+    if not chosen:
+        chosen = list(seen.tiles)[:1]
     others = f", also in {len(seen.tiles) - 1} others" if is_video else ""
     for view, tile in seen.tiles.items():
         if view not in chosen:
@@ -208,7 +213,8 @@ def _most_different(boards: Boards) -> list[str]:
     outlines = np.empty((len(boards), 4, 2))
     for outline, board in zip(outlines, boards.values(), strict=True):
         grid = board.corners_px.reshape(board.rows, board.columns, 2)
-        outline[:] = grid[[0, 0, -1, -1], [0, -1, 0, -1]] / board.size
+        outer = grid[[0, 0, -1, -1], [0, -1, 0, -1]]
+        outline[:] = outer / board.size
 
     names = list(boards)
     chosen: list[str] = []
@@ -277,7 +283,8 @@ def calibrate_boards(boards: Boards, unused: Reasons | None = None) -> Camera:
     rejected = dict(unused or {})
     for name, board in boards.items():
         # cropped images: two of Udacity's differ by a pixel
-        if np.abs(np.subtract(board.size, size)).max() <= 2:
+        difference_px = np.abs(np.subtract(board.size, size))
+        if difference_px.max() <= 2:
             used[name] = board
         else:
             rejected[name] = (
@@ -464,8 +471,10 @@ def _fit_fisheye_lens(boards: list[Board], size: Size) -> _Lens:
     """
     # begins at a view of 180 degrees across the longer side
     width, height = size
-    guess = np.diag([max(size) / np.pi, max(size) / np.pi, 1])
-    guess[:2, 2] = [(width - 1) / 2, (height - 1) / 2]
+    focal_px = max(size) / np.pi
+    guess = np.diag([focal_px, focal_px, 1])
+    guess[0, 2] = (width - 1) / 2
+    guess[1, 2] = (height - 1) / 2
     flags = cv2.CALIB_USE_INTRINSIC_GUESS
     flags |= cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW
     _, matrix, distortion, turns, shifts = cv2.fisheye.calibrate(

@@ -198,7 +198,8 @@ def _grid_around(middle: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
     offsets = _nearest_first(corners, middle)[1:] - middle
     first = offsets[0]
     # the shortest offset, and the next one at more than 30 degrees to it
-    cross_product = np.abs(first[0] * offsets[:, 1] - first[1] * offsets[:, 0])
+    u, v = offsets.T
+    cross_product = np.abs(first[0] * v - first[1] * u)
     lengths = np.linalg.norm(offsets, axis=1)
     across = cross_product > 0.5 * np.linalg.norm(first) * lengths
     if not across.any():
@@ -206,7 +207,8 @@ def _grid_around(middle: np.ndarray, corners: np.ndarray) -> np.ndarray | None:
     second = offsets[across][0]
     row, column = np.mgrid[-1:2, -1:2]
     steps = np.stack([column, row], axis=-1)
-    return (middle + steps @ np.stack([first, second])).astype(np.float32)
+    grid = middle + steps @ np.stack([first, second])
+    return grid.astype(np.float32)
 
 
 def _grow_grid(gray: np.ndarray, grid: np.ndarray, pattern: Pattern) -> np.ndarray:
@@ -229,12 +231,12 @@ def _extend_by_row(gray: np.ndarray, grid: np.ndarray) -> np.ndarray | None:
     None if it is not visible.
     """
     last = grid[-3:]
-    y, x = np.mgrid[: len(last) + 1, : grid.shape[1]].astype(np.float32)
-    squares = np.stack([x, y], axis=-1)
-    known = squares[:-1].reshape(-1, 2)
-    homography, _ = cv2.findHomography(known, last.reshape(-1, 2))
-    next_row = squares[-1].reshape(-1, 1, 2)
-    predicted = cv2.perspectiveTransform(next_row, homography).reshape(-1, 2)
+    y, x = np.mgrid[: len(last) + 1, : grid.shape[1]]
+    squares = np.stack([x, y], axis=-1).astype(np.float32)
+    known = np.concatenate(squares[:-1])
+    homography, _ = cv2.findHomography(known, np.concatenate(last))
+    next_row = squares[-1][:, None]
+    predicted = cv2.perspectiveTransform(next_row, homography)[:, 0]
     if not _inside_image(gray, predicted):
         return None
 
@@ -289,8 +291,10 @@ def _is_chessboard(gray: np.ndarray, grid: np.ndarray, share: float = 1.0) -> bo
         bright, dark = dark, bright
     # both white squares around each corner are brighter than both black ones, in glare
     # not by all of the mean contrast
-    contrast = bright.min(axis=0).astype(float) - dark.max(axis=0)
-    is_corner = contrast > 0.3 * (bright.mean() - dark.mean())
+    darkest_white = bright.min(axis=0).astype(float)
+    brightest_black = dark.max(axis=0)
+    mean_contrast = bright.mean() - dark.mean()
+    is_corner = darkest_white - brightest_black > 0.3 * mean_contrast
     return bool(is_corner.mean() >= share)
 
 
@@ -319,7 +323,8 @@ def _facing_squares(
     # the colours change places from corner to corner
     on_falling = np.stack(squares[:2])
     on_rising = np.stack(squares[2:])
-    is_odd = np.indices(grid.shape[:2]).sum(axis=0) % 2 == 1
+    row, column = np.indices(grid.shape[:2])
+    is_odd = (row + column) % 2 == 1
     return (
         np.where(is_odd, on_rising, on_falling),
         np.where(is_odd, on_falling, on_rising),

@@ -47,7 +47,8 @@ LABEL = {
     "h_samples": [400, 410, 420, 430],
     "lanes": [[1, 2, 3, 4], [-2, 7, 8, 9]],
 }
-LABELME = labelme_file("a.jpg", (640, 720), [line_strip("left", (3, 400), (1, 720))])
+LEFT = line_strip("left", (3, 400), (1, 720))
+LABELME = labelme_file("a.jpg", (640, 720), [LEFT])
 TELEMETRY = "frame,time_s,state,offset_m\n0,0.0,tracking,0.1\n1,0.04,lost,\n"
 
 
@@ -119,10 +120,11 @@ def read_or_refused(read, path: Path, data: bytes, error=ValueError):
 REPORT = CalibrationReport(0.2, {"a.jpg": 0.2}, {}, "2026-01-01")
 CAMERA_FILE = camera_to_dict(replace(CAMERA, report=REPORT))
 CAMERA_YAML = yaml.safe_dump(CAMERA_FILE)
+DAMAGED_CAMERA = damaged(CAMERA_FILE).map(yaml.safe_dump).map(str.encode)
 
 
 @examples(60)
-@given(damaged(CAMERA_FILE).map(yaml.safe_dump).map(str.encode) | garbled(CAMERA_YAML))
+@given(DAMAGED_CAMERA | garbled(CAMERA_YAML))
 def test_camera_files(path, data):
     camera = read_or_refused(load_camera, path, data, CameraError)
     if camera is not None:

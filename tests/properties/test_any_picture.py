@@ -106,7 +106,11 @@ PATTERNS = [
     even,
 ]
 LEVEL = st.integers(0, 255)
-COLOURS = st.sampled_from([(0, 0, 0), (255, 255, 255), (255, 255, 0), (0, 0, 255)])
+BLACK = (0, 0, 0)
+WHITE = (255, 255, 255)
+YELLOW = (255, 255, 0)
+BLUE = (0, 0, 255)
+COLOURS = st.sampled_from([BLACK, WHITE, YELLOW, BLUE])
 COLOURS |= st.tuples(LEVEL, LEVEL, LEVEL)
 
 
@@ -121,9 +125,12 @@ def any_image(draw: st.DrawFn, sizes: list = SIZES) -> np.ndarray:
     period = draw(st.integers(1, 60))
     phase = draw(st.integers(0, 60))
     share = pattern(u, v, period, phase)[..., None]
-    image = np.float32(share) * draw(COLOURS) + np.float32(1 - share) * draw(COLOURS)
+    first = np.float32(share) * draw(COLOURS)
+    second = np.float32(1 - share) * draw(COLOURS)
+    image = first + second
 
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    seed = draw(st.integers(0, 2**32 - 1))
+    rng = np.random.default_rng(seed)
     noise = draw(st.sampled_from([0.0, 2.0, 30.0, 1000.0]))
     if noise:
         image = image + rng.normal(0, noise, image.shape)
@@ -215,10 +222,11 @@ def test_no_road_is_seen_in_smaller_images(size):
 
 
 LIMIT = FIT.prior.limit
+COUNT = len(LIMIT)
 
 
 @examples(100)
-@given(st.lists(st.floats(-1, 1), min_size=len(LIMIT), max_size=len(LIMIT)))
+@given(st.lists(st.floats(-1, 1), min_size=COUNT, max_size=COUNT))
 def test_every_lane_within_the_limits_has_lines(shares):
     """Also a lane whose lines turn back before they are next to the car."""
     model = LIMIT * shares

@@ -1,4 +1,4 @@
-"""Lane parameters by name, and lanes with given standard deviations."""
+"""Camera matrices, lane parameters by name, and lanes with given errors."""
 
 from __future__ import annotations
 
@@ -11,6 +11,13 @@ from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import parameter_vector
 
 SEEN = LineEvidence(0.5, True, 40.0)
+
+
+def intrinsics(fu_px: float, fv_px: float, u_px: float, v_px: float) -> np.ndarray:
+    """Camera matrix (3, 3) with focal lengths and principal point."""
+    matrix = np.diag([fu_px, fv_px, 1.0])
+    matrix[:2, 2] = (u_px, v_px)
+    return matrix
 
 
 def a_lane(*, width: float = 3.5, **parameters: float | Sequence[float]) -> np.ndarray:
