@@ -42,8 +42,9 @@ TRACKING = f"{TRACKER}, tracking"
 COLD = f"{TRACKER}, cold"
 TRANSCODED = "bare transcode"
 LEGEND = """\
-CPU time to detect, measure and draw a frame on one core. undistorts, ms: the median frame; mean: all
-frames. The unit is one cv2.undistort of the same frame. Searches raise the mean.
+CPU time to detect, measure and draw a frame on one core. undistorts, ms: the median
+frame; mean: all frames. The unit is one cv2.undistort of the same frame. Searches
+raise the mean.
 """
 
 Process = Callable[[np.ndarray], object]
