@@ -31,7 +31,12 @@ from lanes.drive_camera import camera_for, field_for, pose_for
 from lanes.errors import CameraError, PoseError, VideoError
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
-from lanes.pose.estimate import POSE_PICTURES, PoseEstimate, estimate_in_drive
+from lanes.pose.estimate import (
+    ESTIMATED,
+    POSE_PICTURES,
+    PoseEstimate,
+    estimate_in_drive,
+)
 from lanes.ros.robot_log import index_log
 from lanes.show.draw import track_lane
 from lanes.show.lane_messages import MESSAGES_SUFFIX, write_lane_messages
@@ -63,6 +68,8 @@ from lanes.video.sources import (
 )
 from lanes.video.writer import process_video
 
+# Images in a row that must agree on another pose than an estimated one of the drive.
+POSE_CONFIRMATIONS = 3
 # Differences of poses in the telemetry that come from rounding.
 _SAME_POSE = 1e-9
 
@@ -318,6 +325,7 @@ def make_tracker(
         fps=fps,
         speed_mps=speed_mps,
         find_pose=find_pose,
+        pose_confirmations=POSE_CONFIRMATIONS if drive.state == ESTIMATED else 1,
         settings=settings,
         markings=markings,
         confidence_shift=drive.confidence_shift,

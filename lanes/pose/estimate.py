@@ -44,11 +44,14 @@ from lanes.pose.votes import (
     AHEAD,
     PRIOR_HEIGHT_LOG_STD,
     PRIOR_ROLL_STD_RAD,
+    USUAL_GRID,
+    WIDE_GRID,
     Direction,
     OtherPoses,
     PoseOptions,
     as_table,
     find_edge_direction,
+    find_edges,
     first_pose,
     median_pose,
     pose_shown_by,
@@ -70,6 +73,10 @@ _LANE_LOG_STD = 0.04
 # In one image the car pitches, and heads out of its lane, by these angles.
 _CAR_PITCH_STD_RAD = np.radians(0.3)
 _CAR_HEADING_STD_RAD = np.radians(1.0)
+# In one image of a drive the direction differs from that of the drive by these angles:
+# the car brakes or climbs, and changes lanes, or somebody knocked the camera.
+_MOVED_PITCH_STD_RAD = np.radians(2.0)
+_MOVED_YAW_STD_RAD = np.radians(4.0)
 # Lengths of edges and lines are limits for images of this width; larger ones do not
 # show more.
 _WIDTH_PX = 1280
@@ -342,8 +349,9 @@ def _pose_from_images(
     """The pose of several images, begun from the direction of their edges."""
     spread = np.linspace(0, len(images) - 1, min(len(images), _EDGE_PICTURES))
     some = [images[k] for k in spread.round().astype(int)]
-    edges = find_edge_direction(some, camera)
-    estimate = _pose_from_lanes(images, some, camera, edges, options, progress)
+    edges = [find_edges(image, camera) for image in some]
+    direction = find_edge_direction(edges)
+    estimate = _pose_from_lanes(images, some, camera, direction, options, progress)
     if not _shows_few_lanes(estimate):
         return estimate
 
@@ -351,9 +359,27 @@ def _pose_from_images(
     ahead = _pose_from_lanes(images, some, camera, AHEAD, options, progress)
     # without lanes, edges that run far from ahead are more likely those of something
     # else
-    if edges.is_far_from(AHEAD) and ahead.frames_used == estimate.frames_used:
-        return ahead
-    return _with_more_lanes(estimate, ahead)
+    is_far = direction.is_far_from(AHEAD)
+    if is_far and ahead.frames_used == estimate.frames_used:
+        estimate = ahead
+    estimate = _with_more_lanes(estimate, ahead)
+
+    # a camera that looks far up, down or aside
+    wide = _find_wide_direction(edges)
+    if wide is None or not _shows_few_lanes(estimate):
+        return estimate
+    aside = _pose_from_lanes(images, some, camera, wide, options, progress)
+    return _with_more_lanes(estimate, aside)
+
+
+def _find_wide_direction(edges: Sequence[np.ndarray]) -> Direction | None:
+    """The direction of the edges beyond the usual one.
+
+    None on the border of what is searched: the edges then lead farther, to nowhere.
+    """
+    direction = find_edge_direction(edges, grid=WIDE_GRID)
+    is_new = not USUAL_GRID.contains(direction)
+    return direction if is_new and WIDE_GRID.contains(direction) else None
 
 
 def _shows_few_lanes(estimate: PoseEstimate) -> bool:
@@ -370,12 +396,23 @@ def _pose_from_still(
     image: np.ndarray, camera: Camera, options: PoseOptions
 ) -> PoseEstimate:
     """The pose of a single image, begun from the direction of its edges."""
-    edges = find_edge_direction(*_resize([image], camera))
-    estimate = _pose_from_direction(image, camera, edges, options)
+    (resized,), resized_camera = _resize([image], camera)
+    edges = [find_edges(resized, resized_camera)]
+    direction = find_edge_direction(edges, options.prior)
+    estimate = _pose_from_direction(image, camera, direction, options)
     if estimate.frames_used:
         return estimate
-    ahead = _pose_from_direction(image, camera, AHEAD, options)
-    return _with_more_lanes(estimate, ahead)
+    expected = _pose_from_direction(image, camera, options.prior, options)
+    estimate = _with_more_lanes(estimate, expected)
+    if estimate.frames_used or options.prior is not AHEAD:
+        return estimate
+
+    # a camera that looks far up, down or aside
+    wide = _find_wide_direction(edges)
+    if wide is None:
+        return estimate
+    aside = _pose_from_direction(image, camera, wide, options)
+    return _with_more_lanes(estimate, aside)
 
 
 def _pose_from_direction(
@@ -401,7 +438,7 @@ def _pose_from_direction(
         log_std = _LANE_WIDTH_STD_M / lane_width_m
 
     used = int(still.confidence >= LIKELY_CONFIDENCE)
-    known = direction if used else AHEAD
+    known = direction if used else options.prior
     assumed = "the roll is" if lane_width_m else "height and roll are"
     note = f"{assumed} assumed, and the yaw contains the car's heading in its lane"
     return PoseEstimate(
@@ -437,17 +474,24 @@ def estimate_in_drive(
     """The pose of a single image of a drive whose pose was estimated.
 
     A fixed camera has one height and one roll: those of the drive, if it determines
-    them, are kept. The image decides on pitch and yaw. Errors are those of
-    `estimate_pose`.
+    them, are kept. Pitch and yaw may move around those of the drive. Errors are those
+    of `estimate_pose`.
     """
     options = PoseOptions(
         lane_width_m=LANE_WIDTH_M,
         is_width_given=False,
         height_m=drive.known_height_m,
-        roll_rad=drive.pose.roll_rad if drive.state == ESTIMATED else 0.0,
         markings=markings,
         settings=settings,
     )
+    if drive.state == ESTIMATED:
+        expected = Direction(
+            pitch_rad=drive.pose.pitch_rad,
+            pitch_std_rad=_MOVED_PITCH_STD_RAD,
+            yaw_rad=drive.pose.yaw_rad,
+            yaw_std_rad=_MOVED_YAW_STD_RAD,
+        )
+        options = replace(options, roll_rad=drive.pose.roll_rad, prior=expected)
     own = _pose_from_still(require_rgb(image), camera, options)
     if options.height_m is None:
         return own

@@ -37,10 +37,7 @@ from lanes.detect.search import (
     sums_of_products,
 )
 
-# Pitches, yaws and rolls that are tried. The prior of the pitch alone has a standard
-# deviation of 4.8 degrees on them.
-_PITCHES_RAD = np.radians(np.arange(-10, 10.01, 0.25))
-_YAWS_RAD = np.radians(np.arange(-15, 15.01, 0.5))
+# Rolls and heights that are tried.
 _ROLLS_RAD = np.radians(np.arange(-6, 6.01, 0.25))
 _LOG_HEIGHTS = np.log(np.geomspace(*HEIGHT_RANGE_M, 221))
 # Prior of the roll: cameras are installed level by eye, within about a degree; a few
@@ -112,6 +109,31 @@ class Direction(NamedTuple):
 AHEAD = Direction(0.0, float(np.radians(6.0)), 0.0, float(np.radians(10.0)))
 
 
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Pitches and yaws that are tried, radians."""
+
+    pitches_rad: np.ndarray
+    yaws_rad: np.ndarray
+
+    def contains(self, direction: Direction) -> bool:
+        """Whether a direction lies within the grid, not on its border."""
+        is_pitch = abs(direction.pitch_rad) < self.pitches_rad[-1]
+        return bool(is_pitch and abs(direction.yaw_rad) < self.yaws_rad[-1])
+
+
+# The prior of the pitch alone has a standard deviation of 4.8 degrees on the usual one.
+USUAL_GRID = Grid(
+    pitches_rad=np.radians(np.arange(-10, 10.01, 0.25)),
+    yaws_rad=np.radians(np.arange(-15, 15.01, 0.5)),
+)
+# Of cameras that look far up, down or aside: as coarse as needed to find a lane.
+WIDE_GRID = Grid(
+    pitches_rad=np.radians(np.arange(-25, 25.01, 0.5)),
+    yaws_rad=np.radians(np.arange(-30, 30.01, 1.0)),
+)
+
+
 @dataclass(frozen=True, kw_only=True)
 class PoseOptions:
     """Given numbers and settings of a pose estimate; see `lanes.estimate_pose`."""
@@ -122,6 +144,7 @@ class PoseOptions:
     markings: Markings | None
     settings: DetectorSettings
     roll_rad: float = 0.0
+    prior: Direction = AHEAD
 
     def start_pose(self, direction: Direction) -> CameraPose:
         """The pose with a direction; by default at the usual height, and level."""
@@ -195,36 +218,37 @@ def pose_shown_by(still: StillDetection, lane_width_m: float) -> ShownPose:
     )
 
 
-def find_edge_direction(images: Iterable[np.ndarray], camera: Camera) -> Direction:
-    """The direction that all edges of RGB images (height, width, 3), uint8, share.
+def find_edge_direction(
+    edges: Sequence[np.ndarray], prior: Direction = AHEAD, grid: Grid = USUAL_GRID
+) -> Direction:
+    """The direction that the edges of all images share; without edges the prior.
 
-    Without edges it is `AHEAD`.
+    `edges` are those that `find_edges` finds in each image.
     """
-    votes = np.zeros((len(_PITCHES_RAD), len(_YAWS_RAD)))
-    for image in images:
-        votes = votes + _vote_of_edges(image, camera)
-    from_pitch = (_PITCHES_RAD / AHEAD.pitch_std_rad)[:, None] ** 2
-    from_yaw = (_YAWS_RAD / AHEAD.yaw_std_rad) ** 2
-    log_prior = -0.5 * from_pitch - 0.5 * from_yaw
+    votes = np.zeros((len(grid.pitches_rad), len(grid.yaws_rad)))
+    for ends in edges:
+        votes = votes + _vote_of_edges(ends, grid)
+    from_pitch = (grid.pitches_rad - prior.pitch_rad) / prior.pitch_std_rad
+    from_yaw = (grid.yaws_rad - prior.yaw_rad) / prior.yaw_std_rad
+    log_prior = -0.5 * from_pitch[:, None] ** 2 - 0.5 * from_yaw**2
     log_posterior = votes * _LOG_VOTE + log_prior
     posterior = np.exp(log_posterior - log_posterior.max())
 
-    pitch = _mode_and_std(_PITCHES_RAD, posterior.sum(axis=1))
-    yaw = _mode_and_std(_YAWS_RAD, posterior.sum(axis=0))
+    pitch = _mode_and_std(grid.pitches_rad, posterior.sum(axis=1))
+    yaw = _mode_and_std(grid.yaws_rad, posterior.sum(axis=0))
     return Direction(*pitch, *yaw)
 
 
-def _vote_of_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """Votes (pitches, yaws) of the edges that point at their vanishing points."""
-    ends = _find_edges(image, camera)
+def _vote_of_edges(ends: np.ndarray, grid: Grid) -> np.ndarray:
+    """Votes (pitches, yaws) of edges (N, 2, 2) that point at the vanishing points."""
     middle = ends.mean(axis=1)
     along = ends[:, 1] - ends[:, 0]
     length = np.hypot(*along.T)
     std = np.hypot(_EDGE_STD_RAD, _END_STD / length)
 
     # the vanishing points, in ray coordinates
-    x = (np.tan(_YAWS_RAD) / np.cos(_PITCHES_RAD)[:, None]).ravel()
-    y = np.repeat(-np.tan(_PITCHES_RAD), len(_YAWS_RAD))
+    x = (np.tan(grid.yaws_rad) / np.cos(grid.pitches_rad)[:, None]).ravel()
+    y = np.repeat(-np.tan(grid.pitches_rad), len(grid.yaws_rad))
     one = np.ones(len(x))
 
     # of each point from each edge: squared distance, and distance across the edge, in
@@ -241,11 +265,14 @@ def _vote_of_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
     points = np.exp(-0.5 * angle) * (square > length**2 / 4)
     votes = np.minimum(length / _VOTE_LENGTH, _MAX_EDGE_VOTES)
     voted = points @ votes.astype(np.float32)
-    return voted.reshape(len(_PITCHES_RAD), -1)
+    return voted.reshape(len(grid.pitches_rad), -1)
 
 
-def _find_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
-    """Both ends (N, 2, 2) of the edges along the road, in ray coordinates."""
+def find_edges(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """Both ends (N, 2, 2) of the edges along the road, in ray coordinates.
+
+    The image is RGB (height, width, 3), uint8.
+    """
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     found = cv2.createLineSegmentDetector().detect(gray)[0]
     if found is None:
