@@ -1,4 +1,6 @@
-"""`import lanes`: what it takes, one sentence for each misuse, and results that print and compare well."""
+"""`import lanes`: what it takes, one sentence for each misuse, and results that print
+and compare well.
+"""
 
 from __future__ import annotations
 
@@ -26,18 +28,36 @@ def still(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def drive(tmp_path_factory) -> Path:
-    return write_clip(tmp_path_factory.mktemp("door") / "drive.mp4", map(BENDS.frame, np.arange(12) / FPS))
+    return write_clip(
+        tmp_path_factory.mktemp("door") / "drive.mp4",
+        map(BENDS.frame, np.arange(12) / FPS),
+    )
 
 
 def test_a_path_stands_for_its_image(still):
     lane = lanes.find_lane(still, SMALL)
-    assert lane == lanes.find_lane(str(still), SMALL) == lanes.find_lane(lanes.read_image(still), SMALL)
-    np.testing.assert_array_equal(lanes.draw_lane(still, lane, SMALL), lanes.draw_lane(IMAGE, lane, SMALL))
-    assert lanes.LaneTracker(SMALL).update(still) == lanes.LaneTracker(SMALL).update(IMAGE) is not None
+    assert (
+        lane
+        == lanes.find_lane(str(still), SMALL)
+        == lanes.find_lane(lanes.read_image(still), SMALL)
+    )
+    np.testing.assert_array_equal(
+        lanes.draw_lane(still, lane, SMALL), lanes.draw_lane(IMAGE, lane, SMALL)
+    )
+    assert (
+        lanes.LaneTracker(SMALL).update(still)
+        == lanes.LaneTracker(SMALL).update(IMAGE)
+        is not None
+    )
     assert str(lanes.explain(still, SMALL)) == lanes.explain(IMAGE, SMALL).describe()
-    with pytest.raises(lanes.PictureError, match=r"still\.png: is 640x360 pixels, but the camera .* 1280x720"):
+    with pytest.raises(
+        lanes.PictureError,
+        match=r"still\.png: is 640x360 pixels, but the camera .* 1280x720",
+    ):
         lanes.find_lane(still, lanes.Camera.from_fov((1280, 720), 60, SMALL.pose))
-    with pytest.raises(FileNotFoundError, match=r"gone\.png: there is no such image file"):
+    with pytest.raises(
+        FileNotFoundError, match=r"gone\.png: there is no such image file"
+    ):
         lanes.find_lane("gone.png", SMALL)
 
 
@@ -47,16 +67,43 @@ MISUSES = {
     "explain without camera": (NO_CAMERA, lambda: lanes.explain(IMAGE, None)),
     "draw_lane without camera": (NO_CAMERA, lambda: lanes.draw_lane(IMAGE, None, None)),
     "LaneTracker without camera": (NO_CAMERA, lambda: lanes.LaneTracker(None)),
-    "a path for a camera": ("camera must be Camera, not str", lambda: lanes.annotate("a.mp4", "out", "camera.yaml")),
-    "no focal length": ("a focal length is not between 64", lambda: lanes.Camera(640, 360, matrix=np.eye(3))),
-    "words for a matrix": (r"matrix \(3, 3\)", lambda: lanes.Camera(640, 360, "lens.yaml")),
-    "few coefficients": ("3 distortion coefficients, not 4, 5 or 8", lambda: replace(SMALL, distortion=[0.1, 0, 0])),
+    "a path for a camera": (
+        "camera must be Camera, not str",
+        lambda: lanes.annotate("a.mp4", "out", "camera.yaml"),
+    ),
+    "no focal length": (
+        "a focal length is not between 64",
+        lambda: lanes.Camera(640, 360, matrix=np.eye(3)),
+    ),
+    "words for a matrix": (
+        r"matrix \(3, 3\)",
+        lambda: lanes.Camera(640, 360, "lens.yaml"),
+    ),
+    "few coefficients": (
+        "3 distortion coefficients, not 4, 5 or 8",
+        lambda: replace(SMALL, distortion=[0.1, 0, 0]),
+    ),
     "no size": ("0 x 360 is not a valid", lambda: replace(SMALL, width=0)),
-    "degrees": (r"pitch_rad = 45 .* give radians: np\.radians\(45\)", lambda: lanes.CameraPose(1.3, 45)),
-    "settings of a still": ("settings must be DetectorSettings, not", lambda: lanes.find_lane(IMAGE, SMALL, {})),
-    "settings of a pose": ("settings must be DetectorSettings", lambda: lanes.estimate_pose(IMAGE, settings={})),
-    "settings of a tracker": ("settings must be TrackerSettings", lambda: lanes.LaneTracker(SMALL, settings={})),
-    "an option": ("annotate has no option colour; .*, style", lambda: lanes.annotate("a.mp4", "out", colour="red")),
+    "degrees": (
+        r"pitch_rad = 45 .* give radians: np\.radians\(45\)",
+        lambda: lanes.CameraPose(1.3, 45),
+    ),
+    "settings of a still": (
+        "settings must be DetectorSettings, not",
+        lambda: lanes.find_lane(IMAGE, SMALL, {}),
+    ),
+    "settings of a pose": (
+        "settings must be DetectorSettings",
+        lambda: lanes.estimate_pose(IMAGE, settings={}),
+    ),
+    "settings of a tracker": (
+        "settings must be TrackerSettings",
+        lambda: lanes.LaneTracker(SMALL, settings={}),
+    ),
+    "an option": (
+        "annotate has no option colour; .*, style",
+        lambda: lanes.annotate("a.mp4", "out", colour="red"),
+    ),
     "no image": ("no picture was given", lambda: lanes.estimate_pose([])),
 }
 
@@ -68,16 +115,25 @@ def test_misuse_is_one_sentence(name, tmp_path, monkeypatch):
     words, call = MISUSES[name]
     with pytest.raises(lanes.LaneError, match=words) as raised:
         call()
-    assert "\n" not in str(raised.value) and str(raised.value).endswith(".") and not Path("out").exists()
+    assert "\n" not in str(raised.value)
+    assert str(raised.value).endswith(".")
+    assert not Path("out").exists()
 
 
 def test_results_compare_by_value(still, tmp_path):
-    one, other = lanes.find_lane(IMAGE, SMALL), lanes.find_lane(still, SMALL)
-    assert one == other and hash(one) == hash(other) and one is not other
+    one = lanes.find_lane(IMAGE, SMALL)
+    other = lanes.find_lane(still, SMALL)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one is not other
     assert one.left == other.left != other.right
-    assert one != replace(other, model=other.model + 1e-9) and one != replace(other, score=0.5) and one != "lane"
+    assert one != replace(other, model=other.model + 1e-9)
+    assert one != replace(other, score=0.5)
+    assert one != "lane"
     camera = lanes.load_camera(save_camera(SMALL, tmp_path / "camera.yaml"))
-    assert camera == SMALL and hash(camera) == hash(SMALL) and camera != SMALL.with_pose(None)
+    assert camera == SMALL
+    assert hash(camera) == hash(SMALL)
+    assert camera != SMALL.with_pose(None)
     assert lanes.estimate_pose(IMAGE, SMALL) == lanes.estimate_pose(still, camera)
     written = [lanes.annotate(still, tmp_path / "out", camera) for _ in range(2)]
     assert written[0] == written[1]
@@ -88,12 +144,17 @@ def test_results_print_on_one_line(still, drive, tmp_path):
     lane = lanes.find_lane(still, SMALL)
     numbers = r"0\.\d\d ± 0\.\d\d m left of centre, bends left, R \d+0 m, 3\.[56]\d ± 0\.\d\d m wide"
     assert re.fullmatch(rf"Lane\(found, confidence 0\.\d\d, {numbers}\)", repr(lane))
-    assert repr(lane.left).startswith("Line(left, 1.") and "yellow solid" in repr(lane.left)
+    assert repr(lane.left).startswith("Line(left, 1.")
+    assert "yellow solid" in repr(lane.left)
     tracker = lanes.LaneTracker(SMALL, fps=25, speed_mps=25.0)
-    assert tracker.update(IMAGE).summary()["speed"] == "90 km/h" and "640x360 px, 25 frames" in repr(tracker)
+    assert tracker.update(IMAGE).summary()["speed"] == "90 km/h"
+    assert "640x360 px, 25 frames" in repr(tracker)
     assert repr(result) == "Annotation(12 rows of telemetry, drive.mp4, drive.csv)"
     (frame, _), *_ = lanes.track(drive, SMALL)
-    assert all("\n" not in repr(x) and len(repr(x)) < 250 for x in (lane, lane.left, result, frame, SMALL))
+    assert all(
+        "\n" not in repr(x) and len(repr(x)) < 250
+        for x in (lane, lane.left, result, frame, SMALL)
+    )
 
 
 def test_a_video_without_a_camera_is_tracked_and_the_field_of_view_said_once(drive):
@@ -101,26 +162,45 @@ def test_a_video_without_a_camera_is_tracked_and_the_field_of_view_said_once(dri
         warnings.resetwarnings()
         (_, first), *_, (_, last) = lanes.track(drive, end_s=0.2)
         estimate = lanes.estimate_pose(drive, max_pictures=1)
-    assert last.state == "tracking" and first.curvature_per_m != last.curvature_per_m
-    assert estimate.camera.size == SMALL.size and estimate.camera.hfov_deg == pytest.approx(60)
-    assert lanes.estimate_pose([IMAGE]).camera.with_pose(None) == estimate.camera.with_pose(None)
-    about = [str(warning.message) for warning in said if "field of view" in str(warning.message)]
-    assert len(about) == 1 and "60.0 deg, assumed" in about[0] and about[0].endswith("Give a camera.")
+    assert last.state == "tracking"
+    assert first.curvature_per_m != last.curvature_per_m
+    assert estimate.camera.size == SMALL.size
+    assert estimate.camera.hfov_deg == pytest.approx(60)
+    assert lanes.estimate_pose([IMAGE]).camera.with_pose(
+        None
+    ) == estimate.camera.with_pose(None)
+    about = [
+        str(warning.message)
+        for warning in said
+        if "field of view" in str(warning.message)
+    ]
+    assert len(about) == 1
+    assert "60.0 deg, assumed" in about[0]
+    assert about[0].endswith("Give a camera.")
 
 
-def test_the_pose_of_a_drive_shows_its_progress_in_a_terminal(drive, tmp_path, monkeypatch, capsys):
+def test_the_pose_of_a_drive_shows_its_progress_in_a_terminal(
+    drive, tmp_path, monkeypatch, capsys
+):
     options = {"report": False, "end_s": 0.1, "lane_width_m": 3.6}
     lanes.annotate(drive, tmp_path / "a", SMALL.with_pose(None), **options)
     assert capsys.readouterr().err == ""
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
     lanes.annotate(drive, tmp_path / "b", SMALL.with_pose(None), **options)
-    assert re.search(r"\rpose: 100%.* ([3-9]|\d\d+)/\1 \[\d\d:\d\d<00:00.*\n", capsys.readouterr().err)
+    assert re.search(
+        r"\rpose: 100%.* ([3-9]|\d\d+)/\1 \[\d\d:\d\d<00:00.*\n",
+        capsys.readouterr().err,
+    )
 
 
 def test_the_given_speed_is_that_of_the_annotated_drive(drive, tmp_path, monkeypatch):
     reset = lanes.LaneTracker.reset
     trackers = []
-    monkeypatch.setattr(lanes.LaneTracker, "reset", lambda tracker: trackers.append(tracker) or reset(tracker))
+    monkeypatch.setattr(
+        lanes.LaneTracker,
+        "reset",
+        lambda tracker: trackers.append(tracker) or reset(tracker),
+    )
     lanes.annotate(drive, tmp_path, SMALL, speed_mps=13.0, progress=False, report=False)
     next(lanes.track(drive, SMALL, speed_mps=13.0))
     assert [tracker.speed_mps for tracker in trackers] == [13.0, 13.0]

@@ -23,35 +23,55 @@ from lanes.video.writer import VideoWriter
 from tests.support.bad_files import jpeg_claiming
 from tests.support.painted_drive import SMALL, tracked_bends
 
-RED, GREEN = (220, 30, 20), (20, 200, 40)
+RED = (220, 30, 20)
+GREEN = (20, 200, 40)
 
 
 @pytest.fixture
 def picture() -> np.ndarray:
-    """Red on the left, green on the right, so that swapped channels, sides or axes are noticed."""
+    """Red on the left, green on the right, so that swapped channels, sides or axes are
+    noticed.
+    """
     image = np.zeros((40, 64, 3), np.uint8)
     image[:, :32], image[:, 32:] = RED, GREEN
     return image
 
 
-@pytest.mark.parametrize("suffix", [".png", ".bmp", ".tif", ".TIFF", ".jpg", ".jpeg", ".webp"])
+@pytest.mark.parametrize(
+    "suffix", [".png", ".bmp", ".tif", ".TIFF", ".jpg", ".jpeg", ".webp"]
+)
 def test_round_trip(tmp_path, picture, suffix):
-    """Every value stays in formats without loss, and red is red in the others, whose quality can be chosen."""
-    path, lossy = tmp_path / f"a{suffix}", suffix in (".jpg", ".jpeg", ".webp")
+    """Every value stays in formats without loss, and red is red in the others, whose
+    quality can be chosen.
+    """
+    path = tmp_path / f"a{suffix}"
+    lossy = suffix in (".jpg", ".jpeg", ".webp")
     read = read_image(write_image(path, picture))
-    assert read.shape == (40, 64, 3) and read.dtype == np.uint8
-    np.testing.assert_allclose(read[::20, 10::44].astype(int), picture[::20, 10::44], atol=6 if lossy else 0)
+    assert read.shape == (40, 64, 3)
+    assert read.dtype == np.uint8
+    np.testing.assert_allclose(
+        read[::20, 10::44].astype(int), picture[::20, 10::44], atol=6 if lossy else 0
+    )
     noise = np.random.default_rng(2).integers(0, 256, (40, 64, 3)).astype(np.uint8)
-    sizes = [write_image(path, noise, jpeg_quality=quality).stat().st_size for quality in (40, 92)]
-    assert sizes[0] < 0.8 * sizes[1] if lossy else np.array_equal(read_image(path), noise)
+    sizes = [
+        write_image(path, noise, jpeg_quality=quality).stat().st_size
+        for quality in (40, 92)
+    ]
+    assert (
+        sizes[0] < 0.8 * sizes[1] if lossy else np.array_equal(read_image(path), noise)
+    )
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "tif"])
 def test_a_photo_is_turned_once_as_its_exif_says(tmp_path, picture, suffix):
     exif = Image.Exif()
     exif[0x0112] = 6
-    Image.fromarray(picture).save(tmp_path / f"a.{suffix}", exif=exif, quality=100, subsampling=0)
-    np.testing.assert_allclose(read_image(tmp_path / f"a.{suffix}"), np.rot90(picture, -1), atol=8)
+    Image.fromarray(picture).save(
+        tmp_path / f"a.{suffix}", exif=exif, quality=100, subsampling=0
+    )
+    np.testing.assert_allclose(
+        read_image(tmp_path / f"a.{suffix}"), np.rot90(picture, -1), atol=8
+    )
 
 
 def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
@@ -61,12 +81,26 @@ def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
     gray = np.arange(200, dtype=np.uint8).reshape(10, 20)
     cv2.imwrite(str(path), gray)
     three = np.repeat(gray[..., None], 3, axis=2)
-    assert np.array_equal(read_image(path), three) and np.array_equal(to_rgb(gray), three)
-    cv2.imwrite(str(path), np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)]))
+    assert np.array_equal(read_image(path), three)
+    assert np.array_equal(to_rgb(gray), three)
+    cv2.imwrite(
+        str(path),
+        np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)]),
+    )
     assert np.array_equal(read_image(path), picture)
-    photo, preview = Image.fromarray(picture), Image.new("RGB", (8, 5))
-    photo.save(tmp_path / "a.jpg", "MPO", save_all=True, append_images=[preview], quality=100, subsampling=0)
-    np.testing.assert_allclose(read_image(tmp_path / "a.jpg"), picture, atol=8)  # of phones: no second image
+    photo = Image.fromarray(picture)
+    preview = Image.new("RGB", (8, 5))
+    photo.save(
+        tmp_path / "a.jpg",
+        "MPO",
+        save_all=True,
+        append_images=[preview],
+        quality=100,
+        subsampling=0,
+    )
+    np.testing.assert_allclose(
+        read_image(tmp_path / "a.jpg"), picture, atol=8
+    )  # of phones: no second image
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])
@@ -81,8 +115,11 @@ def test_truncated_file_is_refused(tmp_path, suffix, share):
 
 @pytest.mark.parametrize("claimed_px", [64, 60000])
 def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture, claimed_px):
-    """Neither the size in its header, which comes before the picture's, nor its end marker."""
-    path, thumbnail = write_image(tmp_path / "a.jpg", picture), tmp_path / "thumbnail.jpg"
+    """Neither the size in its header, which comes before the picture's, nor its end
+    marker.
+    """
+    path = write_image(tmp_path / "a.jpg", picture)
+    thumbnail = tmp_path / "thumbnail.jpg"
     whole = path.read_bytes()
     jpeg_claiming(claimed_px, claimed_px)(thumbnail, whole)
     segment = b"\xff\xe1" + (2 + len(whole)).to_bytes(2, "big") + thumbnail.read_bytes()
@@ -106,8 +143,16 @@ PAGES = "holds 3 images; save the one to use alone, or convert all"
     ("name", "write", "words"),
     [
         *((f"a.{suffix}", write_pages, PAGES) for suffix in ("webp", "png", "tif")),
-        ("a.heic", lambda path: path.write_bytes(HEIC), "cannot be .*not a JPEG, .*convert it to JPEG"),
-        ("a.png", lambda path: Image.new("I;16", (6, 4), 40_000).save(path), "has more than 8 bits a pixel"),
+        (
+            "a.heic",
+            lambda path: path.write_bytes(HEIC),
+            "cannot be .*not a JPEG, .*convert it to JPEG",
+        ),
+        (
+            "a.png",
+            lambda path: Image.new("I;16", (6, 4), 40_000).save(path),
+            "has more than 8 bits a pixel",
+        ),
     ],
 )
 def test_other_files_are_refused_with_a_remedy(tmp_path, name, write, words):
@@ -140,7 +185,9 @@ TAKE_IMAGES = {
     "VideoWriter": encoded,
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),
-    "draw_board": lambda image, _: draw_board(image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)),
+    "draw_board": lambda image, _: draw_board(
+        image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)
+    ),
     "bird's-eye view": lambda image, _: BirdsEyeView(SMALL).warp(image),
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
     "LaneTracker and draw_lane": tracked,
@@ -149,7 +196,9 @@ TAKE_IMAGES = {
 AS_PEOPLE_HAVE_THEM = {
     "read-only": np.copy,
     "BGR reversed": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
-    "transposed": lambda image: np.ascontiguousarray(image.transpose(1, 0, 2)).transpose(1, 0, 2),
+    "transposed": lambda image: np.ascontiguousarray(
+        image.transpose(1, 0, 2)
+    ).transpose(1, 0, 2),
 }
 
 
@@ -167,8 +216,14 @@ def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "sentence"),
     [
-        (np.zeros((360, 640), np.uint8), r"expected an RGB image .* got shape \(360, 640\), dtype uint8"),
-        (np.zeros((360, 640, 4), np.uint8), r"expected an RGB image .* got shape \(360, 640, 4\)"),
+        (
+            np.zeros((360, 640), np.uint8),
+            r"expected an RGB image .* got shape \(360, 640\), dtype uint8",
+        ),
+        (
+            np.zeros((360, 640, 4), np.uint8),
+            r"expected an RGB image .* got shape \(360, 640, 4\)",
+        ),
         (np.zeros((360, 640, 3)), "expected an RGB image .* dtype float64"),
         (np.zeros((0, 640, 3), np.uint8), r"holds no pixels \(shape \(0, 640, 3\)\)"),
         ([[0, 0, 0]], "expected an RGB image .* got list"),

@@ -194,7 +194,8 @@ WRONG_ANSWERS: dict[str, list[WrongAnswer]] = {
             "with candidates of both lines",
             (
                 "    design",
-                "    if left.any():\n        x_m, y_m, left = x_m[left], y_m[left], left[left]\n    design",
+                "    if left.any():\n        x_m, y_m, left = x_m[left], y_m[left], "
+                "left[left]\n    design",
             ),
         ),
     ],

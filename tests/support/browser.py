@@ -26,7 +26,13 @@ needs_browser = pytest.mark.skipif(
     reason="needs chromium and chromedriver (Debian: chromium, chromium-driver)",
 )
 # Containers have neither the namespaces that the sandbox needs nor a sound card.
-ARGUMENTS = ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--mute-audio", "--force-color-profile=srgb")
+ARGUMENTS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-dev-shm-usage",
+    "--mute-audio",
+    "--force-color-profile=srgb",
+)
 
 
 class Browser(webdriver.Chrome):
@@ -39,7 +45,9 @@ class Browser(webdriver.Chrome):
             options.add_argument(argument)
         options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
         # Without a path, Selenium would download a driver.
-        super().__init__(options=options, service=webdriver.ChromeService(executable_path=DRIVER))
+        super().__init__(
+            options=options, service=webdriver.ChromeService(executable_path=DRIVER)
+        )
 
     def open(self, page: Path) -> None:
         """Load a local file."""
@@ -51,22 +59,31 @@ class Browser(webdriver.Chrome):
 
     def texts(self, selector: str) -> list[str]:
         """The text of each element."""
-        return self.value("[...document.querySelectorAll(arguments[0])].map(e => e.textContent)", selector)
+        return self.value(
+            "[...document.querySelectorAll(arguments[0])].map(e => e.textContent)",
+            selector,
+        )
 
     def wait(self, condition: str) -> None:
         """Wait until a JavaScript expression is true."""
         until = WebDriverWait(self, timeout=WAIT_S, poll_frequency=0.05).until
-        until(lambda page: page.value(f"Boolean({condition})"), f"never true: {condition}")
+        until(
+            lambda page: page.value(f"Boolean({condition})"), f"never true: {condition}"
+        )
 
     def click(self, selector: str, *, across: float = 0.5) -> None:
         """Click with the mouse into an element, at this share of its width."""
         element = self.find_element(By.CSS_SELECTOR, selector)
         self.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
         offset_px = round((across - 0.5) * element.rect["width"])
-        ActionChains(self).move_to_element_with_offset(element, offset_px, 0).click().perform()
+        ActionChains(self).move_to_element_with_offset(
+            element, offset_px, 0
+        ).click().perform()
 
     def press(self, key: str, *, until: str = "true") -> None:
-        """Press and release a key, and wait for an expression; `selenium.webdriver.Keys` names special keys."""
+        """Press and release a key, and wait for an expression;
+        `selenium.webdriver.Keys` names special keys.
+        """
         ActionChains(self).send_keys(key).perform()
         self.wait(until)
 
@@ -77,17 +94,26 @@ class Browser(webdriver.Chrome):
 
     def set_size(self, width: int, height: int) -> None:
         """Set the size of the page in pixels, as on a telephone or a wide screen."""
-        metrics = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        metrics = {
+            "width": width,
+            "height": height,
+            "deviceScaleFactor": 1,
+            "mobile": False,
+        }
         self.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
 
     def console(self) -> list[str]:
-        """Messages of the console since the last call: errors, refused scripts and requests."""
+        """Messages of the console since the last call: errors, refused scripts and
+        requests.
+        """
         return [entry["message"] for entry in self.get_log("browser")]
 
 
 @contextmanager
 def open_browser() -> Iterator[Browser]:
-    """A browser whose driver is reached without the proxy that the shell may name: it runs on this machine."""
+    """A browser whose driver is reached without the proxy that the shell may name: it
+    runs on this machine.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("no_proxy", "*")
         with Browser() as browser:

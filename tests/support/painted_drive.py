@@ -1,4 +1,5 @@
-"""Painted drives (`simulator.painted_drive`) that many tests share, for what happens over time.
+"""Painted drives (`simulator.painted_drive`) that many tests share, for what happens
+over time.
 
 `tests.support.painted_roads` paints single pictures more exactly.
 """
@@ -26,13 +27,19 @@ def straight_road() -> RoadGeometry:
 
 
 def s_bend(radius_m: float = 450.0, knot_m: float = 80.0) -> RoadGeometry:
-    """Bends to the left and right in turn: arcs and the clothoids between them, each `knot_m` long."""
+    """Bends to the left and right in turn: arcs and the clothoids between them, each
+    `knot_m` long.
+    """
     bends = np.tile([0.0, 1.0, 1.0, 0.0, -1.0, -1.0], 4) / radius_m
     return RoadGeometry(np.arange(len(bends)) * knot_m, bends)
 
 
-def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[Stripe, ...]:
-    """Solid yellow line on the left, dashed white line on the right, and the dashed line of the next lane."""
+def lane_lines(
+    *, left: dict | None = None, right: dict | None = None
+) -> tuple[Stripe, ...]:
+    """Solid yellow line on the left, dashed white line on the right, and the dashed
+    line of the next lane.
+    """
     return (
         Stripe(1.8, **({"colour": WORN_YELLOW} | (left or {}))),
         Stripe(-1.8, **({"dash_m": DASH_M} | (right or {}))),
@@ -42,7 +49,9 @@ def lane_lines(*, left: dict | None = None, right: dict | None = None) -> tuple[
 
 SMALL = CAMERA.scaled((640, 360))
 # From 60 m on, along bends of 450 m, a little left of the lane centre.
-BENDS = PaintedDrive(s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL)
+BENDS = PaintedDrive(
+    s_bend(), lane_lines(), motion=Motion(60.0, 25.0, offset_m=0.3), camera=SMALL
+)
 
 
 @lru_cache(maxsize=1)

@@ -1,20 +1,26 @@
-"""What some cameras draw into their pictures, and what stands in front of the road: it never moves."""
+"""What some cameras draw into their pictures, and what stands in front of the road: it
+never moves.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-WHITE, YELLOW = (245, 245, 245), (255, 220, 0)
+WHITE = (245, 245, 245)
+YELLOW = (255, 220, 0)
 
 
 def draw_guide_lines(image: np.ndarray, *, spread: float = 0.33) -> np.ndarray:
-    """Two lines that converge ahead, as parking and driving aids draw them; not towards the road's vanishing point.
+    """Two lines that converge ahead, as parking and driving aids draw them; not towards
+    the road's vanishing point.
 
-    `spread` is their distance from the middle at the lower border, relative to the width.
+    `spread` is their distance from the middle at the lower border, relative to the
+    width.
     """
     height, width = image.shape[:2]
-    top, drawn = np.array([0.5 * width, 0.6 * height]), image.copy()
+    top = np.array([0.5 * width, 0.6 * height])
+    drawn = image.copy()
     for side in (-1, 1):
         bottom = np.array([(0.5 + spread * side) * width, height])
         start = top + 0.25 * (bottom - top)

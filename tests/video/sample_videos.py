@@ -17,12 +17,16 @@ NTSC = Fraction(30000, 1001)
 
 
 def numbered(number: int, size: tuple[int, int] = SIZE) -> np.ndarray:
-    """A picture with its number as ten bars, white for 1 and black for 0, on a coloured background."""
+    """A picture with its number as ten bars, white for 1 and black for 0, on a coloured
+    background.
+    """
     width, height = size
     image = np.empty((height, width, 3), np.uint8)
     image[:] = YELLOW
     for bit in range(10):
-        image[height // 2 :, bit * 16 : bit * 16 + 16] = 235 if number >> bit & 1 else 20
+        image[height // 2 :, bit * 16 : bit * 16 + 16] = (
+            235 if number >> bit & 1 else 20
+        )
     return image
 
 
@@ -35,7 +39,13 @@ def make_video(path: Path, frames: int = 25, *, size=SIZE, **settings) -> Path:
     """A video of numbered frames in any container; `settings` are those of `encode`."""
     pixels = "yuv420p" if size[0] % 2 == 0 else "yuv444p"
     options = {"preset": "ultrafast", "g": "12"}
-    return encode(path, (numbered(n, size) for n in range(frames)), pixels=pixels, options=options, **settings)
+    return encode(
+        path,
+        (numbered(n, size) for n in range(frames)),
+        pixels=pixels,
+        options=options,
+        **settings,
+    )
 
 
 def set_rotation(source: Path, target: Path, degrees: int) -> None:
@@ -48,13 +58,19 @@ def set_matrix(source: Path, target: Path, a: int, b: int, c: int, d: int) -> No
     """Write a display matrix into the track header of an mp4 (ISO 14496-12, 8.3.2)."""
     data = bytearray(source.read_bytes())
     at = data.index(b"tkhd") + 4 + 4 + 20 + 16
-    data[at : at + 36] = struct.pack(">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30)
+    data[at : at + 36] = struct.pack(
+        ">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30
+    )
     target.write_bytes(data)
 
 
 def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:
-    """An avi whose sound track has the number of no codec, in the first entry of its header (WAVEFORMAT.wFormatTag)."""
-    data = bytearray(make_video(path, frames, sound="pcm_s16le", **options).read_bytes())
+    """An avi whose sound track has the number of no codec, in the first entry of its
+    header (WAVEFORMAT.wFormatTag).
+    """
+    data = bytearray(
+        make_video(path, frames, sound="pcm_s16le", **options).read_bytes()
+    )
     at = data.index(b"strf", data.index(b"auds")) + 8
     data[at : at + 2] = b"\x34\x12"
     path.write_bytes(data)
@@ -75,7 +91,9 @@ def sound_packets(path: Path) -> list[tuple[float, bytes]]:
     """Each audio packet with its time, rounded to 0.1 ms."""
     with av.open(str(path)) as container:
         packets = container.demux(container.streams.audio[0])
-        return [(round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size]
+        return [
+            (round(float(p.pts * p.time_base), 4), bytes(p)) for p in packets if p.size
+        ]
 
 
 def unchanged(frame: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""Colours: the tags of a source decide its RGB values, and the written file shows the same, as BT.601."""
+"""Colours: the tags of a source decide its RGB values, and the written file shows the
+same, as BT.601.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +15,33 @@ from lanes.video.writer import VideoWriter, process_video
 from tests.support.clips import encode
 from tests.video.sample_videos import unchanged
 
-COLOURS = [(255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 255), (0, 0, 0), (250, 200, 20), (20, 60, 220), (130,) * 3]
+COLOURS = [
+    (255, 0, 0),
+    (0, 255, 0),
+    (0, 0, 255),
+    (255, 255, 255),
+    (0, 0, 0),
+    (250, 200, 20),
+    (20, 60, 220),
+    (130,) * 3,
+]
 # Luma coefficients of red and blue by matrix code point: ITU-T H.273, table 4.
-LUMA = {1: (0.2126, 0.0722), 4: (0.30, 0.11), 6: (0.299, 0.114), 7: (0.212, 0.087), 9: (0.2627, 0.0593)}
+LUMA = {
+    1: (0.2126, 0.0722),
+    4: (0.30, 0.11),
+    6: (0.299, 0.114),
+    7: (0.212, 0.087),
+    9: (0.2627, 0.0593),
+}
 
 
 def patches(width: int = 128, height: int = 64) -> np.ndarray:
-    """Columns of plain colours; the upper right is darker, so that no rotated picture equals another."""
-    image = np.repeat(np.repeat(np.array(COLOURS, np.uint8), 16, axis=0)[None, :width], height, axis=0)
+    """Columns of plain colours; the upper right is darker, so that no rotated picture
+    equals another.
+    """
+    image = np.repeat(
+        np.repeat(np.array(COLOURS, np.uint8), 16, axis=0)[None, :width], height, axis=0
+    )
     image[: height // 2, width // 2 :] //= 2
     return image
 
@@ -29,20 +50,30 @@ def patches(width: int = 128, height: int = 64) -> np.ndarray:
 TAGS = ("colorspace", "color_range", "color_primaries", "color_trc")
 
 
-def make_frame(image: np.ndarray, tags: tuple[int, int, int, int], form: str) -> av.VideoFrame:
+def make_frame(
+    image: np.ndarray, tags: tuple[int, int, int, int], form: str
+) -> av.VideoFrame:
     """A frame in YUV, whose values are computed here by H.273, clause 8.3."""
     red, blue = LUMA.get(tags[0], LUMA[6])
     luma = image @ np.array([red, 1 - red - blue, blue]) / 255
-    chroma = (image[..., 2] / 255 - luma) / (1 - blue) / 2, (image[..., 0] / 255 - luma) / (1 - red) / 2
+    chroma = (
+        (image[..., 2] / 255 - luma) / (1 - blue) / 2,
+        (image[..., 0] / 255 - luma) / (1 - red) / 2,
+    )
     black, y_span, c_span = (0, 255, 255) if tags[1] == 2 else (16, 219, 224)
     planes = [black + y_span * luma, *(128 + c_span * plane for plane in chroma)]
     depth = 10 if "10le" in form else 8
-    step_x, step_y = (1 if "444" in form else 2), (2 if "420" in form else 1)
+    step_x = 1 if "444" in form else 2
+    step_y = 2 if "420" in form else 1
     planes = [planes[0], planes[1][::step_y, ::step_x], planes[2][::step_y, ::step_x]]
     frame = av.VideoFrame(image.shape[1], image.shape[0], form)
     for target, values in zip(frame.planes, planes, strict=True):
-        stored = np.frombuffer(target, np.uint8 if depth == 8 else np.uint16).reshape(target.height, -1)
-        stored[:, : target.width] = np.rint(values * 2 ** (depth - 8)).clip(0, 2**depth - 1)
+        stored = np.frombuffer(target, np.uint8 if depth == 8 else np.uint16).reshape(
+            target.height, -1
+        )
+        stored[:, : target.width] = np.rint(values * 2 ** (depth - 8)).clip(
+            0, 2**depth - 1
+        )
     return frame
 
 
@@ -55,10 +86,15 @@ def tags_of(path: Path) -> tuple[int, int, int, int]:
 def assert_shows(path: Path, image: np.ndarray, tolerance: float) -> None:
     seen = list(read_video(path))[3]
     assert seen.shape == image.shape
-    np.testing.assert_allclose(seen[4:-4:8, 8::16].astype(int), image[4:-4:8, 8::16], atol=tolerance)
+    np.testing.assert_allclose(
+        seen[4:-4:8, 8::16].astype(int), image[4:-4:8, 8::16], atol=tolerance
+    )
 
 
-SPACES = {f"matrix {matrix}": ((matrix, 1 + k % 2, 1, 1), "yuv420p") for k, matrix in enumerate(LUMA)}
+SPACES = {
+    f"matrix {matrix}": ((matrix, 1 + k % 2, 1, 1), "yuv420p")
+    for k, matrix in enumerate(LUMA)
+}
 SPACES |= {
     "HDR, PQ": ((9, 1, 9, 14), "yuv420p10le"),
     "HDR, HLG": ((9, 1, 9, 18), "yuv420p10le"),
@@ -72,7 +108,9 @@ def test_every_colour_space_shows_the_same_colours_in_the_output(tmp_path, tags,
     """Untagged colours are taken for those of BT.601."""
     frames = [make_frame(patches(), tags, form) for _ in range(5)]
     header = dict(zip(TAGS, tags, strict=True))
-    source = encode(tmp_path / "source.mkv", frames, pixels=form, options={"qp": "0"}, header=header)  # without loss
+    source = encode(
+        tmp_path / "source.mkv", frames, pixels=form, options={"qp": "0"}, header=header
+    )  # without loss
     assert_shows(source, patches(), 4)
     process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
@@ -86,6 +124,12 @@ def test_odd_sizes_are_padded(tmp_path, width, height):
         for _ in range(5):
             writer.write(patches(width, height))
     assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
-    padded = np.pad(patches(width, height), ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+    padded = np.pad(
+        patches(width, height), ((0, height % 2), (0, width % 2), (0, 0)), "edge"
+    )
     assert_shows(tmp_path / "out.mp4", padded, 6)
-    np.testing.assert_allclose(next(read_video(tmp_path / "out.mp4"))[-1, ::16].astype(int), padded[-1, ::16], atol=6)
+    np.testing.assert_allclose(
+        next(read_video(tmp_path / "out.mp4"))[-1, ::16].astype(int),
+        padded[-1, ::16],
+        atol=6,
+    )
