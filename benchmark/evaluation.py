@@ -327,12 +327,12 @@ def run_benchmark(
     `workers` processes run, with one OpenCV thread each. With `estimated_pose` the
     systems get the pose that is estimated from the video instead of the true one; the
     lens is always the true one. `markings` are those of tracker and detector
-    (`lanes.detect.markings.MarkingSource`; None: our own). Finished estimates are cached
-    in `folder` (default: a folder in the project's cache); an entry is used again while
-    video, camera, machine and the sources of the system are unchanged. `progress`,
-    called with the name of a part of the work, returns its callback (done, total).
-    Raises ValueError if a system is unknown, or a video and its truth do not belong
-    together.
+    (`lanes.detect.markings.MarkingSource`; None: our own). Finished estimates are
+    cached in `folder` (default: a folder in the project's cache); an entry is used
+    again while video, camera, machine and the sources of the system are unchanged.
+    `progress`, called with the name of a part of the work, returns its callback (done,
+    total). Raises ValueError if a system is unknown, or a video and its truth do not
+    belong together.
     """
     for system in systems:
         require_system(system)

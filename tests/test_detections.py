@@ -95,7 +95,9 @@ def test_stills_are_independent_or_a_sequence(folder, detect, sequence):
 
 
 def test_videos_are_tracked_frame_by_frame(folder, detect, tmp_path):
-    """By default at the rows of their height. A file that is named twice counts once."""
+    """By default at the rows of their height. A file that is named twice
+    counts once.
+    """
     video = write_clip(tmp_path / "drive.mp4", map(DRIVE.frame, np.arange(10) / 25))
     part = "--start", 0.2, "--end", 0.3
     status, found, out, _ = detect(

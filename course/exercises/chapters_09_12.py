@@ -85,7 +85,9 @@ def check_pitch_error(
 def _seen(
     height_m: float, width_m: float, distance_m: float, error_deg: float
 ) -> tuple[float, float]:
-    """The width of the lane in the view, and the distance that the view shows, metres."""
+    """The width of the lane in the view, and the distance that the view
+    shows, metres.
+    """
     pose = CameraPose(height_m, pitch_rad=np.radians(1.5))
     camera = Camera.from_fov((1280, 720), 60, pose)
     pitch_rad = pose.pitch_rad + np.radians(error_deg)
@@ -380,7 +382,9 @@ Correct = Callable[..., tuple[np.ndarray, np.ndarray]]
 
 
 def check_gate(correct_state: Correct) -> str:
-    """12.2: the correct step with a gate, on single measurements and drawn for a drive."""
+    """12.2: the correct step with a gate, on single measurements and drawn
+    for a drive.
+    """
     drive = filter_drive(correct_state)
     if drive:
         draw_filtered_drive(drive)
@@ -596,7 +600,9 @@ def filter_drive(correct_state: Correct) -> FilteredDrive | None:
 def _try_step(
     correct_state: Correct, state: np.ndarray, covariance: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """The corrected state (3,) and covariance (3, 3); None if they are something else."""
+    """The corrected state (3,) and covariance (3, 3); None if they are
+    something else.
+    """
     noise = np.diag(NOISE_STD**2)
     try:
         with np.errstate(all="ignore"):

@@ -129,7 +129,9 @@ def require_occlusion(
 
 
 def draw_occlusion(image: np.ndarray, moved_m: np.ndarray) -> None:
-    """13.1: a map (rows, columns) of squares, metres, on an image from FIRST_ROW down."""
+    """13.1: a map (rows, columns) of squares, metres, on an image from
+    FIRST_ROW down.
+    """
     height, width = image.shape[:2]
     figure, (axis,) = new_figure(1, 1, (12, 6.2))
     axis.imshow(image)
@@ -289,7 +291,9 @@ def check_largest_share(
 
 
 def _right_shares(right: np.ndarray, order: np.ndarray) -> np.ndarray:
-    """Of the first k frames in an order the share of right ones, for each k from 1 on."""
+    """Of the first k frames in an order the share of right ones, for each k
+    from 1 on.
+    """
     counts = np.arange(1, len(right) + 1)
     return np.cumsum(right[order]) / counts
 
@@ -325,12 +329,14 @@ def _share_mistakes(
         right_share.append(float(right.mean()))
         frames.append(float(_last_reached(falling, least)))
     return {
-        "you keep the least confident frames first: sort the other way round.": least_first,
+        "you keep the least confident frames first: sort the other way "
+        "round.": least_first,
         "you stop where the share first falls below the limit; farther on it can rise "
         "again. Take the last place at which it is reached.": until_below,
         "this is the share of frames with a confidence above the limit. The confidence "
         "need not be true: count the right frames.": above,
-        "this is the share of right frames among all. How many can be kept?": right_share,
+        "this is the share of right frames among all. How many can be "
+        "kept?": right_share,
         "this is a number of frames. Divide by all frames.": frames,
     }
 

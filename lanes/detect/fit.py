@@ -87,7 +87,9 @@ class Fit:
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(K, 15, 15) covariance of the parameters for the noise that the fit assumes."""
+        """(K, 15, 15) covariance of the parameters for the noise that the fit
+        assumes.
+        """
         return np.linalg.inv(self.information)
 
     @cached_property
@@ -115,7 +117,9 @@ class Fit:
 
     @cached_property
     def on_line(self) -> np.ndarray:
-        """(K, 2, stripes) bool: the stripe is nearest to the left or to the right line."""
+        """(K, 2, stripes) bool: the stripe is nearest to the left or to the
+        right line.
+        """
         return self.residuals.side[:, None] == SIDES[:, None]
 
     @cached_property
@@ -180,7 +184,9 @@ class Fit:
 
     @property
     def support(self) -> np.ndarray:
-        """(K, 2) support of each line: share of its visible rows with markings on it."""
+        """(K, 2) support of each line: share of its visible rows with markings
+        on it.
+        """
         return self.marked_rows / self.visible_rows
 
     @property

@@ -377,7 +377,9 @@ class Lane(ByValue):
 
     @cached_property
     def covariance(self) -> np.ndarray:
-        """(15, 15) covariance of the errors of the parameters, given the camera pose."""
+        """(15, 15) covariance of the errors of the parameters, given the camera
+        pose.
+        """
         factor = error_variance_factor(self.model, tracked=self.tracked)
         return factor * self.fit_covariance
 

@@ -692,7 +692,9 @@ def _same_lane(columns: np.ndarray, camera: Camera) -> np.ndarray:
 
 @lru_cache(maxsize=4)
 def _view_of(camera: Camera, settings: DetectorSettings) -> BirdsEyeView:
-    """The bird's-eye view, cached: making it takes half as long as a detection in it."""
+    """The bird's-eye view, cached: making it takes half as long as a
+    detection in it.
+    """
     return BirdsEyeView.from_image_border(
         camera, settings.near_m, half_width_m=settings.half_width_m
     )

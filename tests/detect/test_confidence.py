@@ -100,7 +100,9 @@ TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
     ],
 )
 def test_what_makes_a_lane_doubtful(of, change, feature, value):
-    """A pose or yaw that makes it odd, few poses that show it, lines between its own."""
+    """A pose or yaw that makes it odd, few poses that show it, lines between
+    its own.
+    """
     usual = replace(GOOD, **of)
     odd = replace(usual, **change)
     if value is not None:

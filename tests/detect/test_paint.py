@@ -28,7 +28,9 @@ def stripes_near(
     *,
     quick: bool = True,
 ) -> Stripes:
-    """The candidates near a line, nearer than `far_m`, that are no edges of the road."""
+    """The candidates near a line, nearer than `far_m`, that are no edges of
+    the road.
+    """
     stripes = find_evidence(road.image(), VIEW, quick=quick).stripes
     near = np.abs(stripes.y_m - y_of_x(stripes.x_m)) < within_m
     return stripes.select(near & (stripes.x_m < far_m) & ~stripes.edge)

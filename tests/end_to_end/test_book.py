@@ -40,7 +40,9 @@ pytestmark = [
 
 @cache
 def find_values(path: Path, names: str) -> set[str]:
-    """The values of some attributes (a pattern of their names) of all tags of a page."""
+    """The values of some attributes (a pattern of their names) of all tags
+    of a page.
+    """
     return {
         unescape(value)
         for value in re.findall(

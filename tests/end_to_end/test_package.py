@@ -45,7 +45,9 @@ def by_name(lines: list[str]) -> dict[str, Requirement]:
 
 
 def pins(name: str) -> dict[str, Version]:
-    """The versions that a requirements file pins; its hashes and comments are left out."""
+    """The versions that a requirements file pins; its hashes and comments
+    are left out.
+    """
     found = re.findall(
         r"^([\w.-]+)(?:\[\w+\])?==([\w.+!]+)",
         (ROOT / name).read_text(encoding="utf-8"),

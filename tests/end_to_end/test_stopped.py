@@ -75,7 +75,9 @@ def require_whole(folder: Path) -> None:
 
 
 def test_stopped_at_any_moment_files_are_old_or_new_and_whole(tmp_path):
-    """A process that writes the files again and again is stopped soon after it starts."""
+    """A process that writes the files again and again is stopped soon after
+    it starts.
+    """
     command = [sys.executable, "-c", WRITES, str(tmp_path)]
     for number in (signal.SIGKILL, signal.SIGTERM, signal.SIGINT):
         with popen([*command, "999999"]) as child:

@@ -1,4 +1,6 @@
-"""Committed videos in half their size, followed by the tracker and compared with their truth."""
+"""Committed videos in half their size, followed by the tracker and compared with their
+truth.
+"""
 
 from __future__ import annotations
 
@@ -28,17 +30,26 @@ class CommittedDrive:
         drive = list_drives()[scene]
         self.camera = load_camera(drive.video.with_suffix(".yaml")).scaled((640, 360))
         timed = list(read_timed_frames(drive.video, start_s=start_s, end_s=end_s))
-        self.frames = [cv2.resize(frame.image, self.camera.size, interpolation=cv2.INTER_AREA) for frame in timed]
-        self.truth = read_truth(drive).select(np.array([frame.number for frame in timed]))
+        self.frames = [
+            cv2.resize(frame.image, self.camera.size, interpolation=cv2.INTER_AREA)
+            for frame in timed
+        ]
+        self.truth = read_truth(drive).select(
+            np.array([frame.number for frame in timed])
+        )
 
     def tracker(self) -> LaneTracker:
         return LaneTracker(self.camera, fps=FPS)
 
     def follow(self, steps: Iterable[Step]) -> tuple[list[Lane | None], FrameErrors]:
-        """What the tracker says of each step, and how wrong that is of what is shown."""
+        """What the tracker says of each step, and how wrong that is of what is
+        shown.
+        """
         tracker, said, shown = self.tracker(), [], []
         for image, elapsed_s, frame in steps:
             said.append(tracker.update(image, elapsed_s=elapsed_s))
             shown.append(frame)
-        estimates = DriveEstimates.from_frames([lane_estimate(lane) for lane in said], [0.0] * len(said))
+        estimates = DriveEstimates.from_frames(
+            [lane_estimate(lane) for lane in said], [0.0] * len(said)
+        )
         return said, frame_errors(estimates, self.truth.select(np.array(shown)))

@@ -189,7 +189,9 @@ class Road:
         return self._blend(self.cover(inside, np.any(near, axis=0)), colour)
 
     def lines(self, *lateral_m: float, **look: object) -> Road:
-        """Paint lines along the road at these lateral positions; `look` as for `line`."""
+        """Paint lines along the road at these lateral positions; `look` as for
+        `line`.
+        """
         for y_m in lateral_m:
             self.line(lambda x, y_m=y_m: np.full_like(x, y_m), **look)
         return self

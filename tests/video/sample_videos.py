@@ -1,4 +1,6 @@
-"""Videos of numbered frames, and functions that read their numbers, sound and packets."""
+"""Videos of numbered frames, and functions that read their numbers,
+sound and packets.
+"""
 
 from __future__ import annotations
 
