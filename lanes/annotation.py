@@ -9,7 +9,8 @@ from typing import Any
 from lanes.camera.field_of_view import FieldOfView
 from lanes.camera.model import Camera
 from lanes.detect.markings import Markings
-from lanes.errors import ByValue, LaneError
+from lanes.equality import ByValue
+from lanes.errors import LaneError
 from lanes.pose.estimate import PoseEstimate
 from lanes.show.report import Telemetry
 

@@ -11,7 +11,6 @@ from numbers import Real
 from typing import Any, TypeVar
 
 # lanes.drive and lanes.pose.estimate still import it from here
-from lanes.equality import ByValue as ByValue
 
 _T = TypeVar("_T")
 

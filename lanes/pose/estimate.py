@@ -39,7 +39,8 @@ from lanes.detect.search import (
     detect_still,
     detect_with_own_pose,
 )
-from lanes.errors import ByValue, CameraError, PoseError, require_type
+from lanes.equality import ByValue
+from lanes.errors import CameraError, PoseError, require_type
 from lanes.pose.votes import (
     AHEAD,
     PRIOR_HEIGHT_LOG_STD,
