@@ -260,8 +260,10 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
     """
     lateral_m: list[np.ndarray | None] = []
     for line in (result.left_road, result.right_road):
-        found = line is not None
-        lateral_m.append(np.asarray(line.lateral_m(PROJECTED_AT_M)) if found else None)
+        line_m = None
+        if line is not None:
+            line_m = np.asarray(line.lateral_m(PROJECTED_AT_M))
+        lateral_m.append(line_m)
 
     top_rows = []
     for points in result.lines_px:

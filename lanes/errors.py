@@ -10,8 +10,6 @@ from contextlib import suppress
 from numbers import Real
 from typing import Any, TypeVar
 
-# lanes.drive and lanes.pose.estimate still import it from here
-
 _T = TypeVar("_T")
 
 
