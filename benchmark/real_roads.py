@@ -271,10 +271,10 @@ def _score_clip(roads: RoadSet, clip: Path, settings: TrackerSettings) -> list[S
     camera, pose = ensure_pose(camera, sample_images([clip], POSE_PICTURES), settings=settings.detector)
     tracker = make_tracker(info.fps, camera, pose, None, settings)
     with closing(read_frames(clip, info)) as frames:
-        for number, (_, lane) in enumerate(track_frames(frames, tracker)):
+        for number, _ in enumerate(track_frames(frames, tracker)):
             if number in labels:
                 label = _at_size(roads.folder, labels[number], tracker.camera.size)
-                scores.append(score_lane(lane, label, tracker.camera))
+                scores.append(score_lane(tracker.tracked_lane, label, tracker.camera))
             if number == max(labels):
                 break
     return scores
