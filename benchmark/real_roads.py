@@ -381,11 +381,11 @@ def _score_clip(
     scores = []
     last = max(labels)
     with closing(read_frames(clip, info)) as frames:
-        for number, (_, lane) in enumerate(track_frames(frames, tracker)):
+        for number, _ in enumerate(track_frames(frames, tracker)):
             if number in labels:
                 camera = tracker.camera
                 label = _at_size(roads.folder, labels[number], camera.size)
-                scores.append(score_lane(lane, label, camera))
+                scores.append(score_lane(tracker.tracked_lane, label, camera))
             if number == last:
                 break
     return scores

@@ -12,8 +12,7 @@ import numpy as np
 
 from lanes.annotation import DriveSettings
 from lanes.camera.model import Camera
-from lanes.detect.confidence import LEAST_CONFIDENCE
-from lanes.detect.lane import Lane, columns_at
+from lanes.detect.lane import Lane, columns_at, stated
 from lanes.errors import LaneError
 from lanes.labelme import CHECKED, LINE_NAMES, Drawing, LineStrip, write_drawing
 from lanes.stills import detect_stills
@@ -86,7 +85,7 @@ def write_proposals(
         drawing = Drawing(
             image=still.path.name,
             size=(width, height),
-            strips=propose_lines(still.detection.lane, still.detection.camera),
+            strips=propose_lines(still.lane, still.detection.camera),
             checked=False,
         )
         written.append(write_drawing(path, drawing))
@@ -109,7 +108,8 @@ def propose_lines(lane: Lane | None, camera: Camera) -> tuple[LineStrip, ...]:
 
     A lane that the overlay does not show has none.
     """
-    if lane is None or lane.confidence < LEAST_CONFIDENCE:
+    lane = stated(lane)
+    if lane is None:
         return ()
 
     seen = {}

@@ -522,8 +522,8 @@ def detect_in_stills(
         elif pose and pose is not printed_pose:
             printed_pose = pose
             print(pose.describe())
-        lane, camera = still.detection.lane, still.detection.camera
-        detection = as_detection(lane, camera, rows, still.run_time_ms)
+        camera = still.detection.camera
+        detection = as_detection(still.lane, camera, rows, still.run_time_ms)
         yield {"raw_file": str(still.path)} | detection
 
 

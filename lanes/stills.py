@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lanes.annotation import Annotation, DriveSettings
-from lanes.detect.lane import LOST, telemetry_row
+from lanes.detect.lane import LOST, Lane, stated, telemetry_row
 from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, describe_lens, pose_for
 from lanes.errors import LaneError, PictureError, PoseError
@@ -40,6 +40,11 @@ class StillResult:
     pose: PoseEstimate | None
     run_time_ms: float
 
+    @property
+    def lane(self) -> Lane | None:
+        """The lane, if its confidence is high enough to state it."""
+        return stated(self.detection.lane)
+
 
 def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotation:
     """Find the lane in each still independently, and write images and a table.
@@ -60,7 +65,7 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     path = settings.output / STILLS_TABLE
     with TelemetryWriter(path) as table:
         for still in chain([first], detected):
-            lane = still.detection.lane
+            lane = still.lane
             row = {"frame": len(outputs), "picture": still.path.name}
             outputs.append(_write_annotated(still, settings))
             table.write(row | telemetry_row(lane))
@@ -99,7 +104,7 @@ def _write_annotated(still: StillResult, settings: DriveSettings) -> Path:
     detection = still.detection
     drawn = draw_lane(
         still.image,
-        detection.lane,
+        still.lane,
         detection.camera,
         style=settings.style,
         evidence=detection.evidence,

@@ -110,8 +110,12 @@ def test_another_pose_on_the_way_is_told(drive, tmp_path, monkeypatch):
     assert make_tracker(25, SMALL, assumed, None).update(BENDS.frame(0)).confidence_shift == -2
     monkeypatch.setattr("lanes.drive_camera.ensure_pose", lambda *_, **__: (wrong, assumed))
     still = detect_still(BENDS.frame(0), SMALL)
-    estimate = lambda *_, height_m, **__: heights_m.add(height_m) or replace(assumed, still=still)  # noqa: E731
-    monkeypatch.setattr("lanes.drive.estimate_pose", estimate)
+
+    def estimate(image, camera, drive, **_) -> PoseEstimate:
+        heights_m.add(drive.known_height_m)
+        return replace(assumed, still=still)
+
+    monkeypatch.setattr("lanes.drive.estimate_in_drive", estimate)
     (result,) = quietly(drive / "drive.mp4", tmp_path, replace(SMALL, pose=None), start_s=0.12)
     words = rf"from ([\d.]+) s on with another pose: {re.escape(SMALL.pose.describe())}"
     (begin,) = re.findall(words, result.description)

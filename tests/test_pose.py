@@ -10,7 +10,15 @@ import pytest
 
 from lanes.camera.model import Camera, CameraPose
 from lanes.errors import PictureError, PoseError
-from lanes.pose.estimate import ASSUMED, DOUBTFUL, ESTIMATED, PoseEstimate, detect_in_drive, estimate_pose
+from lanes.pose.estimate import (
+    ASSUMED,
+    DOUBTFUL,
+    ESTIMATED,
+    PoseEstimate,
+    detect_in_drive,
+    estimate_in_drive,
+    estimate_pose,
+)
 from lanes.video.images import write_image
 from tests.support.painted_roads import paint_motorway
 from tests.support.static_objects import draw_guide_lines
@@ -128,6 +136,57 @@ class TestDrive:
             for name in ("height_m", "pitch_rad", "yaw_rad", "roll_rad"):
                 std = getattr(e, name.replace("_", "_std_"))
                 assert abs(getattr(e.pose, name) - getattr(pose, name)) < 3 * std, (seed, name)
+
+
+def estimated(camera: Camera, **changes) -> PoseEstimate:
+    """The estimate of a drive in whose images many lanes were likely."""
+    known = PoseEstimate(
+        camera=camera,
+        height_std_m=0.05,
+        pitch_std_rad=0.002,
+        yaw_std_rad=0.005,
+        roll_std_rad=0.01,
+        frames_used=20,
+        frames_total=24,
+        lane_width_m=3.66,
+    )
+    return replace(known, **changes)
+
+
+def test_an_image_keeps_height_and_roll_of_its_drive():
+    """The image alone would show 1.35 m or a multiple of it, and no roll."""
+    drive_camera = posed(height_m=1.5, roll_rad=2.0)
+    image = paint_motorway(drive_camera, offset_m=0.3)
+    own = estimate_in_drive(image, drive_camera, estimated(drive_camera))
+    assert own.still.confidence > 0.5
+    assert (own.pose.height_m, own.height_std_m) == (1.5, 0.05)
+    assert own.pose.roll_rad == drive_camera.pose.roll_rad
+
+
+def test_an_image_of_a_drive_shows_a_camera_that_was_knocked():
+    """By 3 degrees, down and to the left."""
+    drive_camera = posed(roll_rad=0.0)
+    pitch_deg, yaw_deg = np.degrees([TRUE_POSE.pitch_rad, TRUE_POSE.yaw_rad]) + 3.0
+    knocked = posed(pitch_rad=pitch_deg, yaw_rad=yaw_deg, roll_rad=0.0)
+    image = paint_motorway(knocked)
+    own = estimate_in_drive(image, drive_camera, estimated(drive_camera))
+    assert np.degrees(own.pose.pitch_rad) == pytest.approx(pitch_deg, abs=1.0)
+    assert np.degrees(own.pose.yaw_rad) == pytest.approx(yaw_deg, abs=1.5)
+
+
+def test_an_image_of_a_drive_without_lanes_has_a_height_of_its_own():
+    drive_camera = posed(height_m=2.0)
+    assumed = estimated(drive_camera, frames_used=0, lane_width_m=None)
+    own = estimate_in_drive(paint_motorway(CAMERA), drive_camera, assumed)
+    assert own.pose.height_m == pytest.approx(1.35, abs=0.1)
+
+
+@pytest.mark.slow
+def test_a_camera_that_looks_far_down_and_aside_is_found_by_wider_votes():
+    camera = posed(pitch_rad=19, yaw_rad=18, roll_rad=0)
+    estimate = estimate_pose(drive(camera, (0.0,) * 3), camera)
+    assert estimate.state == ESTIMATED
+    assert_near(estimate, camera.pose, pitch_deg=0.5, yaw_deg=1.0, roll_deg=1.5, height_m=0.2)
 
 
 @pytest.mark.slow

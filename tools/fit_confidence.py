@@ -40,7 +40,7 @@ from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
-from lanes.detect.search import find_lane
+from lanes.detect.search import detect_still
 from lanes.errors import PoseError
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.pose.estimate import estimate_pose
@@ -303,9 +303,11 @@ def label_lanes(
     tracker = LaneTracker(camera, fps=FPS, markings=markings)
     tracked, alone = [], []
     for frame, image in enumerate(frames):
-        tracked.append(tracker.update(image))
+        tracker.update(image)
+        tracked.append(tracker.tracked_lane)
         if frame % STILL_EVERY == 0:
-            alone.append(find_lane(image, camera, markings=markings))
+            detection = detect_still(image, camera, markings=markings)
+            alone.append(detection.lane)
     of_alone = truth.select(slice(0, len(tracked), STILL_EVERY))
     return _label(tracked, truth, group), _label(alone, of_alone, group)
 
@@ -341,9 +343,9 @@ def samples_of_no_road(kind: str) -> list[Sample]:
     lanes: list[Lane | None] = []
     for seed in range(NO_ROADS):
         image = not_a_road(kind, seed)
+        camera = CAMERA.scaled(image.shape[1::-1])
         _, own = find_with_own_pose(image)
-        given = find_lane(image, CAMERA.scaled(image.shape[1::-1]))
-        lanes += [own, given]
+        lanes += [own, detect_still(image, camera).lane]
     return [Sample(NO_ROAD, kind, lane.features, False) for lane in lanes if lane]
 
 

@@ -16,6 +16,7 @@ from lanes.describe import (
     describe_std,
 )
 from lanes.detect.confidence import (
+    LEAST_CONFIDENCE,
     LIKELY_CONFIDENCE,
     WEIGHTS,
     error_variance_factor,
@@ -599,6 +600,16 @@ class Lane(ByValue):
         words = self.summary()
         numbers = f"{words['offset']}, {self.describe_bend()}, {words['width']} wide"
         return f"Lane({self.state}, confidence {self.confidence:.2f}, {numbers})"
+
+
+def stated(lane: Lane | None) -> Lane | None:
+    """The lane, or None if its confidence is below `LEAST_CONFIDENCE`: no lane.
+
+    Searches and tracks go on with such a lane; users get none.
+    """
+    if lane is None or lane.confidence < LEAST_CONFIDENCE:
+        return None
+    return lane
 
 
 def columns_at(

@@ -30,7 +30,7 @@ from lanes.camera.model import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import Evidence, PaintSettings, Stripes, find_evidence
 from lanes.detect.fit import Fit, FitSettings, fit_starts, near_stripes
-from lanes.detect.lane import FarEvidence, Lane, LineEvidence
+from lanes.detect.lane import FarEvidence, Lane, LineEvidence, stated
 from lanes.detect.line_type import MarkingProfile, marking_profile
 from lanes.detect.markings import Markings
 from lanes.detect.residuals import (
@@ -551,6 +551,8 @@ def find_lane(
 ) -> Lane | None:
     """The ego lane in a single image; None if it is not seen.
 
+    A lane with a confidence below 0.15 is none.
+
     >>> lane = lanes.find_lane(image, camera)  # doctest: +SKIP
 
     Parameters
@@ -572,7 +574,7 @@ def find_lane(
     CameraError, LaneError
         If the camera has no pose, or sees no road; if `markings` returns no mask.
     """
-    return detect_still(image, camera, settings, markings=markings).lane
+    return stated(detect_still(image, camera, settings, markings=markings).lane)
 
 
 def detect_still(

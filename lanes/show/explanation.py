@@ -160,9 +160,10 @@ def explain_tracked(
     track, lane = [], None
     for frame in frames:
         try:
-            lane = tracker.update(frame.image, elapsed_s=frame.elapsed_s)
+            tracker.update(frame.image, elapsed_s=frame.elapsed_s)
         except CameraError:  # no road in view
             return explain(frame.image, tracker.camera, pose_doubt=pose_doubt)
+        lane = tracker.tracked_lane
         seen = lane is not None and any(line.seen for line in lane.evidence)
         track.append((frame.time_s, lane.state if lane else LOST, seen))
     assert tracker.evidence is not None

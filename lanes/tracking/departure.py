@@ -31,6 +31,10 @@ LEAST_DRIFT_MPS = 0.1
 # time: on 15 real clips 69 of 207 frames with a warning were false.
 SEEN_S = 0.5
 SEEN_FACTOR = 2.0
+# A new track, pose or width settles in this time; until then no crossing is foreseen.
+# The width is new if it differs so much from its mean over `SEEN_S`.
+SETTLED_S = 1.0
+NEW_WIDTH_M = 0.25
 # If the tyres of a car would be on a line in more than this share of the frames, its
 # camera or width is another one: on motorways cars leave their lane every few minutes,
 # for seconds.
@@ -59,13 +63,19 @@ class DepartureWatch:
     """Departure of the car from its lane over time."""
 
     def __init__(self) -> None:
-        self._centre_m: float | None = None  # of the lane, averaged over `SEEN_S`
+        # centre and width of the lane, averaged over `SEEN_S`
+        self._centre_m: float | None = None
+        self._width_m: float | None = None
         self._foreseen_s = 0.0
+        self._settled_s = 0.0
 
     def update(
         self, lane: np.ndarray, motion: CarMotion, camera: Camera, elapsed_s: float
     ) -> Departure:
-        """The departure in the next frame, from the lane (15,) and the car's motion."""
+        """The departure in the next frame, from the lane (15,) and the car's motion.
+
+        None is due in the first second of a watch, and after a new width.
+        """
         centre_m = float(lane[CENTRE])
         width_m = float(lane[WIDTH])
         # the mean so far, of the lane that the car is in now
@@ -73,6 +83,12 @@ class DepartureWatch:
         before_m += width_m * round((centre_m - before_m) / width_m)
         kept = float(np.exp(-elapsed_s / SEEN_S))
         self._centre_m = centre_m + (before_m - centre_m) * kept
+
+        last_m = width_m if self._width_m is None else self._width_m
+        self._width_m = width_m + (last_m - width_m) * kept
+        self._settled_s += elapsed_s
+        if abs(width_m - self._width_m) > NEW_WIDTH_M:
+            self._settled_s = 0.0
 
         departure = watch_departure(
             lane,
@@ -82,7 +98,8 @@ class DepartureWatch:
             seen_drift_mps=(self._centre_m - centre_m) / SEEN_S,
         )
         self._foreseen_s = self._foreseen_s + elapsed_s if departure.due else 0.0
-        return replace(departure, due=self._foreseen_s >= SEEN_S)
+        is_seen = self._foreseen_s >= SEEN_S and self._settled_s >= SETTLED_S
+        return replace(departure, due=is_seen)
 
 
 def watch_departure(

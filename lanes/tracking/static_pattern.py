@@ -37,14 +37,15 @@ class StaticPattern:
     """
 
     def __init__(self, view: BirdsEyeView, period_s: float) -> None:
+        self._view = view
         self._left_m = view.y_m[0]
         self._period_s = period_s
         self._since_sample_s = period_s
         columns = int(self._columns(view.y_m)[-1]) + 1
         shape = (len(view.x_m), columns)
         self._counts = np.zeros(shape, np.float32)
-        # samples that saw a column
-        self._samples = np.zeros(columns)
+        # samples that saw a place
+        self._samples = np.zeros(shape)
         self._previous = np.zeros(shape, bool)
         self._previous_seen = slice(0, 0)
 
@@ -57,7 +58,7 @@ class StaticPattern:
         """
         row = stripes.row
         column = self._columns(stripes.y_m)
-        samples = self._samples[column]
+        samples = self._samples[row, column]
         is_often = self._counts[row, column] >= MIN_SHARE * samples
         is_static = (samples >= MIN_SAMPLES) & is_often
 
@@ -96,5 +97,31 @@ class StaticPattern:
         kept = exp(-1 / MEMORY_SAMPLES)
         self._counts[:, seen] *= kept
         self._counts[:, seen] += occupied[:, seen]
-        self._samples[seen] *= kept
-        self._samples[seen] += 1
+        self._samples[:, seen] *= kept
+        self._samples[:, seen] += 1
+
+    def seen_in(self, view: BirdsEyeView) -> StaticPattern:
+        """The same pattern of the image in a view with another camera pose.
+
+        Places that the old view does not contain are unknown.
+        """
+        # the image of each place of the new view, and its place in the old one
+        pattern = StaticPattern(view, self._period_s)
+        rows, columns = pattern._counts.shape
+        y_m = pattern._left_m - COLUMN_M * np.arange(columns)
+        points_m = np.stack(np.meshgrid(view.x_m, y_m, indexing="ij"), axis=-1)
+        pixels = view.camera.road_to_pixels(points_m.reshape(-1, 2))
+        x_m, y_m = self._view.camera.pixels_to_road(pixels).T
+        is_seen = np.isfinite(x_m) & np.isfinite(y_m)
+
+        # rows are ordered from far to near
+        edges_m = np.sqrt(self._view.x_m[1:] * self._view.x_m[:-1])
+        row = np.searchsorted(-edges_m, -np.where(is_seen, x_m, 0.0))
+        column = self._columns(np.where(is_seen, y_m, 0.0))
+        is_seen &= (x_m <= self._view.x_m[0]) & (x_m >= self._view.x_m[-1])
+        is_seen &= (column >= 0) & (column < self._counts.shape[1])
+        row = row[is_seen]
+        column = column[is_seen]
+        pattern._counts.reshape(-1)[is_seen] = self._counts[row, column]
+        pattern._samples.reshape(-1)[is_seen] = self._samples[row, column]
+        return pattern

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera.model import Camera, require_camera
+from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
@@ -29,6 +29,7 @@ from lanes.detect.lane import (
     FarEvidence,
     Lane,
     LineEvidence,
+    stated,
 )
 from lanes.detect.markings import Markings
 from lanes.detect.road import (
@@ -81,6 +82,10 @@ BEYOND_LINE_M = 0.1
 COMPARED_AT_M = np.array([6.0, 12.0, 20.0])
 SAME_LINE_STDS = 3.0
 SAME_LINE_M = (0.15, 0.3)
+# Poses of single images agree if pitch and yaw differ by no more: an image knows the
+# pitch to half a degree, and the car heads out of its lane by a degree.
+SAME_PITCH_RAD = np.radians(1.0)
+SAME_YAW_RAD = np.radians(2.0)
 # Time without a likely lane after which searches become rarer.
 FULL_RATE_S = 5.0
 
@@ -212,7 +217,10 @@ class LaneTracker:
     find_pose : callable, optional
         Looks for the lane and the camera pose in one image; for a camera whose pose was
         estimated or changes. While no lane is likely it is called twice a second, and
-        the tracker goes on with the pose of a lane that is more likely.
+        the tracker goes on with the pose of lanes that are more likely.
+    pose_confirmations : int
+        Number of images in a row whose poses must agree before the tracker goes on with
+        the last of them: one image does not overrule the pose of a drive.
     settings : TrackerSettings
     markings : callable, optional, as for `lanes.find_lane`
     confidence_shift : float
@@ -246,6 +254,7 @@ class LaneTracker:
         fps: float = 25.0,
         speed_mps: float | None = None,
         find_pose: Callable[[np.ndarray], StillDetection | None] | None = None,
+        pose_confirmations: int = 1,
         settings: TrackerSettings | None = None,
         markings: Markings | None = None,
         confidence_shift: float = 0.0,
@@ -262,9 +271,11 @@ class LaneTracker:
             settings = TrackerSettings()
         self.settings = require_type(settings, TrackerSettings, "settings")
         self.find_pose = find_pose
+        self.pose_confirmations = pose_confirmations
         self.markings = markings
         self._confidence_shift = confidence_shift
         self._use(require_camera(camera))
+        self.reset()
 
     @property
     def camera(self) -> Camera:
@@ -274,6 +285,11 @@ class LaneTracker:
     @property
     def lane(self) -> Lane | None:
         """The lane in the last image, as `update` returned it."""
+        return stated(self.tracked_lane)
+
+    @property
+    def tracked_lane(self) -> Lane | None:
+        """The lane that is followed, also with a confidence too low to state it."""
         return self._track.lane if self._track else None
 
     def _use(self, camera: Camera) -> None:
@@ -288,14 +304,18 @@ class LaneTracker:
         self.view = views[min(1, len(views) - 1)]
         self.evidence: Evidence | None = None
         self.search: Search | None = None
-        self.reset()
 
     def reset(self) -> None:
         """Forget everything, as between two drives."""
         period_s = self.settings.static_period_s
         self._static = StaticPattern(self._views[-1], period_s)
         self._lane_moves = False
+        self._begin_search()
+
+    def _begin_search(self) -> None:
+        """Search at the full rate; what never moves in the images is still known."""
         self._schedule = SearchSchedule(self.settings, self.fps)
+        self._agreeing_poses: list[CameraPose] = []
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -327,7 +347,7 @@ class LaneTracker:
         Returns
         -------
         Lane or None
-            None while no lane is known.
+            None while no lane is known, or only one with a confidence below 0.15.
 
         Raises
         ------
@@ -392,8 +412,8 @@ class LaneTracker:
         return elapsed_s
 
     def _confidence(self) -> float:
-        """Confidence of the last lane; 0 without one."""
-        return self.lane.confidence if self.lane else 0.0
+        """Confidence of the lane that is followed; 0 without one."""
+        return self.tracked_lane.confidence if self.tracked_lane else 0.0
 
     def _is_seen(self) -> bool:
         """Whether the track saw its lane in the last frame, and won all comparisons."""
@@ -407,7 +427,7 @@ class LaneTracker:
         least = self.view if wide else self._views[0]
         evidence = find_evidence(
             image,
-            self._narrowest_view(self.lane, least),
+            self._narrowest_view(self.tracked_lane, least),
             self.settings.detector.paint,
             markings=self.markings,
             quick=not full,
@@ -421,11 +441,12 @@ class LaneTracker:
         On a straight road without any sway, as in some simulators, solid lines do not
         move either. Nothing is left out unless a search finds a lane that moves.
         """
+        known = self.tracked_lane
         if moving is None or moving.score < self.settings.min_score:
-            if self.lane is None:
+            if known is None:
                 self._lane_moves = False
             return
-        is_other = self.lane is not None and not _is_same_lane(moving, self.lane)
+        is_other = known is not None and not _is_same_lane(moving, known)
         if is_other and not self._lane_moves:
             # the track began on the stripes that never move
             self._track = self._start(moving)
@@ -434,26 +455,44 @@ class LaneTracker:
     def _try_other_pose(self, image: np.ndarray, elapsed_s: float) -> None:
         """While no lane is likely, look for one with a camera pose from this image.
 
-        If it is likely, the tracker goes on with its pose.
+        If it is likely, and enough images agree, the tracker goes on with its pose.
         """
         confidence = self._confidence()
         is_likely = confidence >= LIKELY_CONFIDENCE
         self._schedule.end_frame(elapsed_s, likely=is_likely)
+        if is_likely:
+            self._agreeing_poses = []
         if self.find_pose is None or is_likely or not self._schedule.is_pose_due():
             return
 
         still = self.find_pose(image)
-        if still and still.lane:
-            # for the track the pose is known, so that an odd width counts in full
-            as_tracked = replace(still.lane, same_lane_share=None)
-            least = min(still.confidence, as_tracked.confidence)
-            if least > max(confidence, LIKELY_CONFIDENCE):
-                self._use(still.camera)
-                self._confidence_shift = 0.0
-                self.evidence = still.evidence
-                self.search = still.search
-                self._track = self._start(still.lane)
         self._schedule.pose_tried()
+        if still is None or still.lane is None:
+            return
+        # for the track the pose is known, so that an odd width counts in full
+        as_tracked = replace(still.lane, same_lane_share=None)
+        least = min(still.confidence, as_tracked.confidence)
+        if least <= max(confidence, LIKELY_CONFIDENCE):
+            return
+        self._agree_on(still.camera.require_pose())
+        if len(self._agreeing_poses) >= self.pose_confirmations:
+            self._use(still.camera)
+            self._static = self._static.seen_in(self._views[-1])
+            self._begin_search()
+            self._schedule.pose_tried()
+            self._confidence_shift = 0.0
+            self.evidence = still.evidence
+            self.search = still.search
+            self._track = self._start(still.lane)
+
+    def _agree_on(self, pose: CameraPose) -> None:
+        """Add a pose of an image to those before, or begin again if they differ."""
+        if self._agreeing_poses:
+            last = self._agreeing_poses[-1]
+            is_near = abs(pose.pitch_rad - last.pitch_rad) <= SAME_PITCH_RAD
+            if not is_near or abs(pose.yaw_rad - last.yaw_rad) > SAME_YAW_RAD:
+                self._agreeing_poses = []
+        self._agreeing_poses.append(pose)
 
     def _follow(
         self, track: Track, evidence: Evidence, elapsed_s: float
@@ -636,7 +675,9 @@ class LaneTracker:
             departure=departure,
         )
         is_likely = described.confidence >= LIKELY_CONFIDENCE
-        if lane.state != TRACKING or not is_likely:
+        # an inferred line is not seen to come nearer
+        is_seen = right.seen if departure.side == "right" else left.seen
+        if lane.state != TRACKING or not is_likely or not is_seen:
             return replace(described, departure=replace(departure, due=False))
         return described
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.road import CENTRE
+from lanes.detect.road import CENTRE, WIDTH
 from lanes.tracking.departure import Departure, DepartureWatch, describe_crossings, watch_departure
 from lanes.tracking.filter import CarMotion
 from lanes.tracking.tracker import LaneTracker
@@ -84,12 +84,41 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     still = watched([lane_at(-0.6, heading)] * 50, car(20.0))
     assert not any(departure.due for departure in still) and still[-1].time_to_crossing_s < 1.0
     for step_s in (0.02, 0.08):  # at 0.6 m/s
-        moving = watched([lane_at(-0.2 - 0.6 * step_s * n, heading) for n in range(60)], car(20.0), step_s)
+        settled = [lane_at(-0.2, heading)] * round(1.2 / step_s)
+        approach = [lane_at(-0.2 - 0.6 * step_s * n, heading) for n in range(60)]
+        moving = watched(settled + approach, car(20.0), step_s)
         first = next(departure for departure in moving if departure.due)
         # foreseen for 0.5 s, at any frame rate
         assert first.left_m == pytest.approx(0.27, abs=0.07) and first.side == "left"
     short = watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
     assert not any(departure.due for departure in short)
+
+
+def approach(begin_m: float, step_s: float = 0.04) -> list[np.ndarray]:
+    """A car that drifts to the left line at 0.6 m/s, for three seconds."""
+    return [lane_at(begin_m - 0.6 * step_s * n, -0.03) for n in range(75)]
+
+
+def due_times_s(lanes: list[np.ndarray], step_s: float = 0.04) -> np.ndarray:
+    departures = watched(lanes, car(20.0), step_s)
+    return step_s * np.flatnonzero([departure.due for departure in departures])
+
+
+def test_no_departure_is_due_in_the_first_second_of_a_track():
+    assert due_times_s(approach(-0.6)).min() == pytest.approx(1.0, abs=0.05)
+
+
+def test_no_departure_is_due_in_the_first_second_after_a_new_width():
+    lanes = [lane_at(-0.2, -0.03)] * 30 + approach(-0.2)
+    usual_s = due_times_s(lanes)
+    begin = int(usual_s.min() / 0.04) + 2
+    for lane in lanes[begin:]:
+        lane[WIDTH] -= 0.5
+    late_s = due_times_s(lanes)
+    assert late_s.min() == pytest.approx(usual_s.min(), abs=0.01)
+    is_new = (late_s > 0.04 * begin) & (late_s < 0.04 * begin + 1.0)
+    assert not is_new.any()
+    assert late_s.max() > 0.04 * begin + 1.5
 
 
 @pytest.mark.parametrize(("speed_mps", "due_in_the_middle"), [(0.75, False), (1.5, True)])
@@ -121,8 +150,8 @@ def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
     drive = PaintedDrive(straight_road(), lane_lines(), motion, camera=SMALL)
     tracker, watch = LaneTracker(SMALL, fps=25), DepartureWatch()
     lanes = [tracker.update(drive.frame(number / 25)) for number in range(32)]
-    for lane in filter(None, lanes):
-        raw = watch.update(lane.model, lane.motion, SMALL, 0.04)
+    for number, lane in enumerate(filter(None, lanes)):
+        raw = watch.update(lane.model, lane.motion, SMALL, 0.04 if number else 0.0)
         sure = lane.state == "tracking" and lane.confidence >= 0.5
         assert lane.departure.due == (raw.due and sure)
     assert lanes[-1].departure.due and lanes[-1].departure.side == "left"

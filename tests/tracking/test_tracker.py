@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from lanes.detect.confidence import LIKELY_CONFIDENCE
+from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
 from lanes.detect.lane import FOUND, Lane
 from lanes.detect.road import SIDES
 from lanes.detect.search import StillDetection
@@ -265,6 +265,71 @@ def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m,
     tracker = LaneTracker(SMALL, fps=FPS, find_pose=lambda image: StillDetection(other.evidence, None, lane))
     found = tracker.update(np.full_like(DRIVE.frame(0.0), 90))
     assert (found is not None) == taken and (tracker.camera == other.camera) == taken
+
+
+GREY_ROAD = np.full_like(BLACK, 90)
+
+
+def tracker_told_of_poses(yaws_deg: list[float], confirmations: int) -> LaneTracker:
+    """A tracker for which each next image shows a sure lane with another yaw."""
+    stills = []
+    for yaw_deg in yaws_deg:
+        pose = replace(SMALL.pose, yaw_rad=np.radians(yaw_deg))
+        other = LaneTracker(SMALL.with_pose(pose), fps=FPS)
+        lane = replace(other.update(DRIVE.frame(0.0)), state=FOUND, confidence_shift=9.0)
+        stills.append(StillDetection(other.evidence, None, lane))
+    following = iter(stills)
+    return LaneTracker(
+        SMALL,
+        fps=2,
+        find_pose=lambda image: next(following, None),
+        pose_confirmations=confirmations,
+    )
+
+
+def images_until_new_pose(tracker: LaneTracker) -> int | None:
+    for number in range(1, 9):
+        tracker.update(GREY_ROAD)
+        if tracker.camera != SMALL:
+            return number
+    return None
+
+
+@pytest.mark.parametrize("confirmations", [1, 3])
+def test_another_pose_is_taken_when_enough_images_agree(confirmations):
+    tracker = tracker_told_of_poses([0.5, 1.0, 0.8, 1.2], confirmations)
+    assert images_until_new_pose(tracker) == confirmations
+
+
+def test_images_that_disagree_do_not_overrule_the_pose_of_a_drive():
+    tracker = tracker_told_of_poses([3.0, -3.0, 3.0, -3.0, 3.0], confirmations=3)
+    assert images_until_new_pose(tracker) is None
+
+
+def test_what_never_moves_is_still_known_with_another_pose():
+    tracker = tracker_told_of_poses([0.5], confirmations=1)
+    tracker._static._samples[:] = 7.0
+    tracker.update(GREY_ROAD)
+    assert tracker.camera != SMALL
+    assert np.median(tracker._static._samples) == 7.0
+
+
+@pytest.fixture(scope="module")
+def unlikely() -> LaneTracker:
+    """A tracker that follows a lane with a confidence of 0."""
+    tracker = LaneTracker(SMALL, fps=FPS, confidence_shift=-30.0)
+    follow(DRIVE, 0.5, tracker=tracker)
+    return tracker
+
+
+def test_a_lane_below_the_least_confidence_is_none(unlikely):
+    assert unlikely.tracked_lane.confidence < LEAST_CONFIDENCE
+    assert unlikely.update(DRIVE.frame(0.5)) is None
+    assert unlikely.lane is None
+
+
+def test_a_lane_that_is_not_stated_is_followed_nevertheless(unlikely):
+    assert lateral_error_m(unlikely.tracked_lane, DRIVE.truth(0.5)) < 0.2
 
 
 def test_a_wrong_yaw_of_the_pose_is_not_taken_for_a_car_that_hardly_moves():
