@@ -2,8 +2,9 @@
 
     make book
 
-The course is split into one page a chapter. Links between the files of the project become links between pages.
-Everything is written below book/_build/; the site is book/_build/html/.
+The course is split into one page a chapter. Links between the files of the project
+become links between pages. Everything is written below book/_build/; the site is
+book/_build/html/.
 """
 
 from __future__ import annotations
@@ -22,16 +23,38 @@ from sphinx.ext.apidoc import main as run_apidoc
 
 ROOT = Path(__file__).parents[1]
 BUILD = ROOT / "book" / "_build"
-SOURCE, STATIC, EXTRA, SITE = (BUILD / name for name in ("source", "static", "extra", "html"))
+SOURCE = BUILD / "source"
+STATIC = BUILD / "static"
+EXTRA = BUILD / "extra"
+SITE = BUILD / "html"
 # Pages of the sections, in the order of the navigation.
 SECTIONS = {
-    "Guides": ["docs/own_camera", "docs/when_it_fails", "docs/many_drives", "docs/own_loop"]
-    + ["docs/own_network", "docs/own_finder"],
-    "Quality": [f"docs/{name}" for name in ("benchmark/README", "cameras", "robustness", "ablation", "testing")],
-    "Reference": ["docs/how_it_works", "api/index", "docs/glossary", "docs/conventions", "docs/references"],
+    "Guides": [
+        "docs/own_camera",
+        "docs/when_it_fails",
+        "docs/many_drives",
+        "docs/own_loop",
+        "docs/own_network",
+        "docs/own_finder",
+    ],
+    "Quality": [
+        "docs/benchmark/README",
+        "docs/cameras",
+        "docs/robustness",
+        "docs/ablation",
+        "docs/testing",
+    ],
+    "Reference": [
+        "docs/how_it_works",
+        "api/index",
+        "docs/glossary",
+        "docs/conventions",
+        "docs/references",
+    ],
     "Development": ["CONTRIBUTING", "CHANGELOG", "docs/release"],
 }
-# Link target in the project -> page of the book; an empty one leaves the text without a link.
+# Link target in the project -> page of the book; an empty one leaves the text without a
+# link.
 PAGES = {
     "README.md": "index.md",
     "project.ipynb": "course.ipynb",
@@ -46,23 +69,42 @@ CODE_BLOCK = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
 
 
 def rewrite_links(text: str, page: str) -> str:
-    """Markdown with links to pages of the book, for the page at `page` (path below the project)."""
-    up = "../" * page.count("/")
+    """Markdown with links to pages of the book, for the page at `page`.
+
+    `page` is a path below the project.
+    """
 
     def rewrite(link: re.Match) -> str:
         label, target = link.groups()
-        if chapter := re.match(r"#(\d+)\.-", target):
-            return f"[{label}]({CHAPTER.format(int(chapter[1]))}.ipynb)"
-        path, hash_sign, heading = target.partition("#")
-        name = normpath(join(dirname(page), path))
-        if module := re.fullmatch(r"(lanes/.+)\.py", name):
-            return f"[{label}]({up}api/{module[1].replace('/', '.')}.rst)"
-        if name not in PAGES:
+        new_target = _page_target(target, page)
+        if new_target is None:
             return link[0]
-        return f"[{label}]({up}{PAGES[name]}{hash_sign}{heading})" if PAGES[name] else label
+        return f"[{label}]({new_target})" if new_target else label
 
-    blocks = CODE_BLOCK.split(text)
-    return "".join(block if block.startswith("```") else LINK.sub(rewrite, block) for block in blocks)
+    blocks = []
+    for block in CODE_BLOCK.split(text):
+        is_code = block.startswith("```")
+        blocks.append(block if is_code else LINK.sub(rewrite, block))
+    return "".join(blocks)
+
+
+def _page_target(target: str, page: str) -> str | None:
+    """The page of the book that replaces a link target of a page.
+
+    None if the target stays, empty if nothing of the book replaces it.
+    """
+    chapter = re.match(r"#(\d+)\.-", target)
+    if chapter:
+        return f"{CHAPTER.format(int(chapter[1]))}.ipynb"
+    path, hash_sign, heading = target.partition("#")
+    name = normpath(join(dirname(page), path))
+    up = "../" * page.count("/")
+    module = re.fullmatch(r"(lanes/.+)\.py", name)
+    if module:
+        return f"{up}api/{module[1].replace('/', '.')}.rst"
+    if name not in PAGES:
+        return None
+    return f"{up}{PAGES[name]}{hash_sign}{heading}" if PAGES[name] else ""
 
 
 def toctree(pages: Iterable[str], option: str = ":maxdepth: 1") -> str:
@@ -78,59 +120,96 @@ def write(name: str, text: str) -> None:
 
 
 def to_myst(text: str) -> str:
-    """Markdown of a cell for MyST: formulas work in folded answers, and links point to pages."""
+    """Markdown of a cell for MyST: formulas work in folded answers, and links point to
+    pages.
+    """
     text = re.sub(r"</summary>\s*", "</summary>\n\n", text)
     text = re.sub(r"\s*</details>", "\n\n</details>", text)
     return rewrite_links(text, "project.ipynb")
 
 
 def write_course() -> None:
-    """One notebook a chapter, with its outputs; the cells before chapter 1 are the page "course"."""
+    """One notebook a chapter, with its outputs; the cells before chapter 1 are the page
+    "course".
+    """
     notebook = json.loads((ROOT / "project.ipynb").read_text(encoding="utf-8"))
-    name, pages = "course", dict[str, list[dict]]()
+    name = "course"
+    pages: dict[str, list[dict]] = {}
     for cell in notebook["cells"]:
         if cell["cell_type"] == "markdown":
-            cell["source"] = to_myst("".join(cell["source"]))
-            if title := re.match(r"## (\d+)\.", cell["source"]):
-                name, cell["source"] = CHAPTER.format(int(title[1])), cell["source"].removeprefix("#")
+            text = to_myst("".join(cell["source"]))
+            title = re.match(r"## (\d+)\.", text)
+            if title:
+                name = CHAPTER.format(int(title[1]))
+                text = text.removeprefix("#")
+            cell["source"] = text
         pages.setdefault(name, []).append(cell)
-    contents = toctree(list(pages)[1:], ":hidden:")
-    pages["course"].append({"cell_type": "markdown", "id": "contents", "metadata": {}, "source": contents})
+
+    _, *chapters = pages
+    contents = {
+        "cell_type": "markdown",
+        "id": "contents",
+        "metadata": {},
+        "source": toctree(chapters, ":hidden:"),
+    }
+    pages["course"].append(contents)
     for name, cells in pages.items():
         write(f"{name}.ipynb", json.dumps(notebook | {"cells": cells}))
 
 
 def write_pages() -> None:
-    """README as the first page, the guides, a page for each section, and those of packages and modules."""
-    for path in (ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))):
+    """README as the first page, the guides, a page for each section, and those of
+    packages and modules.
+    """
+    documents = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
+    documents += sorted((ROOT / "docs").rglob("*.md"))
+    for path in documents:
         page = path.relative_to(ROOT).as_posix()
         write(page, rewrite_links(path.read_text(encoding="utf-8"), page))
     for title, pages in SECTIONS.items():
         write(f"{title.lower()}.md", f"# {title}\n{toctree(pages)}")
     sections = ["Course <course>", *map(str.lower, SECTIONS)]
-    readme = rewrite_links((ROOT / "README.md").read_text(encoding="utf-8"), "README.md")
+    readme = rewrite_links(
+        (ROOT / "README.md").read_text(encoding="utf-8"), "README.md"
+    )
     write("index.md", readme + toctree(sections, ":hidden:"))
-    words = "`helpers` is the classic pipeline of the course, `lanes` what `pip install .` installs."
-    write("api/index.md", f"# API reference\n\n{words}\n{toctree(['helpers', 'lanes'])}")
+
+    introduction = (
+        "`helpers` is the classic pipeline of the course, "
+        "`lanes` what `pip install .` installs."
+    )
+    reference = toctree(["helpers", "lanes"])
+    write("api/index.md", f"# API reference\n\n{introduction}\n{reference}")
     write("api/helpers.rst", "helpers\n=======\n\n.. automodule:: helpers\n")
-    run_apidoc(["-q", "--separate", "--module-first", "--no-toc", "-o", str(SOURCE / "api"), str(ROOT / "lanes")])
+    options = ["-q", "--separate", "--module-first", "--no-toc"]
+    run_apidoc([*options, "-o", str(SOURCE / "api"), str(ROOT / "lanes")])
 
 
 def main() -> int:
-    """Build the site from new sources; returns Sphinx's exit status, which is 1 after a warning."""
+    """Build the site from new sources; returns Sphinx's exit status, which is 1 after a
+    warning.
+    """
     for folder in (SOURCE, STATIC, EXTRA, SITE):
         shutil.rmtree(folder, ignore_errors=True)
-    shutil.copytree(ROOT / "docs", SOURCE / "docs", ignore=shutil.ignore_patterns("*.md"))
+    _copy_folder("docs", SOURCE, "*.md")
     # pages show pictures, and link to videos
-    for folder, left_out in ((SOURCE, "*.mp4"), (EXTRA, "*.jpg")):
-        shutil.copytree(ROOT / "output_images", folder / "output_images", ignore=shutil.ignore_patterns(left_out))
+    _copy_folder("output_images", SOURCE, "*.mp4")
+    _copy_folder("output_images", EXTRA, "*.jpg")
     write_course()
     write_pages()
     STATIC.mkdir(parents=True)
     shutil.copy(ROOT / "book" / "book.css", STATIC)
-    shutil.copy(str(files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg.js"), STATIC)
-    options = ["-b", "html", "-c", str(ROOT / "book"), "-d", str(BUILD / "doctrees"), "-q", "-W", "--keep-going"]
+    mathjax = files("mathjax") / "static" / "mathjax" / "es5" / "tex-svg.js"
+    shutil.copy(str(mathjax), STATIC)
+
+    folders = ["-c", str(ROOT / "book"), "-d", str(BUILD / "doctrees")]
+    options = ["-b", "html", *folders, "-q", "-W", "--keep-going"]
     return run_sphinx([*options, str(SOURCE), str(SITE)])
+
+
+def _copy_folder(name: str, target: Path, left_out: str) -> None:
+    ignore = shutil.ignore_patterns(left_out)
+    shutil.copytree(ROOT / name, target / name, ignore=ignore)
 
 
 if __name__ == "__main__":

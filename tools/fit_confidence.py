@@ -133,7 +133,7 @@ def draw_line(rng: np.random.Generator, lateral_m: float) -> Stripe:
 
 
 def draw_clutter(rng: np.random.Generator, half_m: float) -> tuple[Stripe, ...]:
-    """Random clutter that is similar to lane lines: seams, cracks, kerbs, other lines."""
+    """Random clutter similar to lane lines: seams, cracks, kerbs, other lines."""
     clutter = []
     for side in (1, -1):
         if rng.random() < 0.6:
@@ -220,24 +220,21 @@ def samples_of_painted_drive(
     *,
     pose_is_wrong: bool = False,
     markings: Markings | None = None,
-) -> list[Sample]:
-    """Samples of a painted drive: its tracked lanes, and lanes in some of its frames
-    alone.
-    """
+) -> tuple[list[Sample], list[Sample]]:
+    """Samples of a painted drive as of `label_lanes`: tracked, and alone."""
     drive, camera = draw_drive(seed, camera)
     if pose_is_wrong:
         camera = wrong_pose(camera, seed)
     times_s = np.arange(int(SECONDS * FPS)) / FPS
     rows = [truth_row(drive.truth(time_s), frame=0) for time_s in times_s]
     columns = {name: np.array([row[name] for row in rows], float) for name in rows[0]}
-    tracked, alone = label_lanes(
+    return label_lanes(
         map(drive.frame, times_s),
         camera,
         LaneTruth.from_columns(columns),
         group=f"painted {seed}",
         markings=markings,
     )
-    return tracked + alone
 
 
 # Sizes of photos of scenes, and the distance of their labelled rows as a share of the
@@ -376,7 +373,10 @@ def samples_of_painted_roads(
     )
     right = run_all(sample, RIGHT_POSES, workers=workers)
     wrong = run_all(partial(sample, pose_is_wrong=True), WRONG_POSES, workers=workers)
-    return list(chain(*right, *wrong))
+    samples = []
+    for tracked, alone in right + wrong:
+        samples += tracked + alone
+    return samples
 
 
 def collect_samples(sets: Sequence[RoadSet], *, workers: int) -> list[Sample]:
