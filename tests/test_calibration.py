@@ -131,6 +131,17 @@ def test_bad_boards_do_not_excuse_each_other():
     assert_is_the_dashcam(camera)
 
 
+def test_of_three_boards_none_is_an_outlier():
+    """It cannot be decided which one is wrong."""
+    boards = true_boards(2, 9) | true_boards(12, noise_px=0.6)
+
+    report = calibrate_boards(boards).report
+
+    assert report.rejected == {}
+    errors_px = list(report.board_rms_px.values())
+    assert max(errors_px) > 2.5 * np.median(errors_px)
+
+
 # Wide lenses.
 
 

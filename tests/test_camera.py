@@ -183,6 +183,10 @@ class TestTheMonotonicRange:
         rational = replace(DASHCAM, distortion=[0, 0, 0, 0, 0, 0.5, tiny, tiny])
         assert rational.largest_ray == pytest.approx(np.sqrt(2))
 
+    def test_ends_where_a_denominator_is_zero(self, tiny):
+        pole = replace(DASHCAM, distortion=[0, 0, 0, 0, 0, -0.5, tiny, tiny])
+        assert pole.largest_ray == pytest.approx(np.sqrt(2))
+
     def test_is_one_of_angles_for_a_fisheye_lens(self, tiny):
         fisheye = replace(DASHCAM, distortion=[-0.3, tiny, 0, 0])
         assert fisheye.largest_ray == pytest.approx(np.tan(np.sqrt(1 / 0.9)))
