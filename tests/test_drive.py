@@ -249,6 +249,32 @@ def test_the_result_names_the_median_confidence(drive, tmp_path):
     assert "no lane in 100% of them; wrote" in result.description
 
 
+@pytest.fixture(scope="module")
+def unlikely(tmp_path_factory, drive) -> Annotation:
+    """A drive of 12 seconds whose camera looks 6 degrees farther down than it says."""
+    folder = tmp_path_factory.mktemp("unlikely")
+    with VideoWriter(folder / "drive.mp4", fps=5) as writer:
+        for number in range(60):
+            writer.write(BENDS.frame(number / 5), number / 5)
+    (result,) = quietly(folder / "drive.mp4", folder / "out", pitched(BENDS, 6).camera)
+    return result
+
+
+def test_no_lane_has_no_numbers_in_the_table_and_no_advice(unlikely):
+    table = unlikely.telemetry
+    is_none = table["confidence"] < 0.15
+    assert is_none.mean() > 0.9
+    assert set(table["state"][is_none]) == {"lost"}
+    for name in ("offset_m", "curvature_per_m", "lane_width_m", "left_c0_m"):
+        assert np.isnan(table[name][is_none]).all()
+    assert "the camera seems" not in unlikely.description
+
+
+def test_frames_without_a_lane_are_counted_as_lost(unlikely):
+    lost_s = 0.2 * (unlikely.telemetry["confidence"] < 0.15).sum()
+    assert f"lost for {lost_s:.1f} s" in unlikely.description
+
+
 def test_lost_sound_is_stated(tmp_path):
     video = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
     (result,) = quietly(video, tmp_path / "out", report=False)
