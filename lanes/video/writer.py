@@ -1,8 +1,9 @@
-"""Videos that browsers play, with sound, written through PyAV (FFmpeg inside this process), and made of other videos.
+"""Videos that browsers play, with sound, written through PyAV (FFmpeg inside this
+process), and made of other videos.
 
-`process_video` goes from file to file: every frame is read, passed to a function and written, once, in order and at its
-own time. Decoding and encoding release Python's global lock: three frames are read, processed and written at the same
-time.
+`process_video` goes from file to file: every frame is read, passed to a function and
+written, once, in order and at its own time. Decoding and encoding release Python's
+global lock: three frames are read, processed and written at the same time.
 """
 
 from __future__ import annotations
@@ -46,45 +47,60 @@ from lanes.video.reader import (
 
 Row = Mapping[str, object]
 
-# Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
-_COPIED_CODECS, _SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
-# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg assumes for videos without tags;
-# players disagree on these.
+# Audio codecs that mp4 allows at every sampling rate and browsers play; any other
+# becomes AAC of this sampling rate.
+_COPIED_CODECS = {"aac", "opus", "flac"}
+_SOUND_RATE_HZ = 48_000
+# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg
+# assumes for videos without tags; players disagree on these.
 _COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `_COLOUR_TAGS`.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start,
+    `_COLOUR_TAGS`.
 
-    Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
-    the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
-    the frames converted so far; after the block `written` has the properties of the finished file.
+    Use it in a `with` block. The file is renamed to `path` at the end of the block,
+    after its frames were counted. If the block raises, the unfinished file is removed
+    and an earlier file of that name is not changed. `frames` counts the frames
+    converted so far; after the block `written` has the properties of the finished file.
 
     Parameters
     ----------
     path : str or Path
         Ends in .mp4; the folder is created where needed.
     fps : float
-        Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
+        Rounded to the nearest fraction with a denominator up to 1001: television rates
+        such as 30000 / 1001 are exact.
     sound_from : str or Path, optional
-        A video whose sound is copied or encoded again, from the time of the first written frame to that of the last.
-        Sound that cannot be decoded is left out.
+        A video whose sound is copied or encoded again, from the time of the first
+        written frame to that of the last. Sound that cannot be decoded is left out.
 
     Raises
     ------
     LaneError, OSError
-        If `path` is no .mp4, no frame was written, frames differ in size or are not RGB, or the file cannot be written.
+        If `path` is no .mp4, no frame was written, frames differ in size or are not
+        RGB, or the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, fps: float, sound_from: str | Path | None = None) -> None:
+    def __init__(
+        self, path: str | Path, *, fps: float, sound_from: str | Path | None = None
+    ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
-            raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
+            raise VideoError(
+                f"{path}: cannot write this kind of video; end the name in .mp4."
+            )
         self.frames = 0
-        self._rate = Fraction(require_number(fps, "fps", positive=True)).limit_denominator(1001)
+        self._rate = Fraction(
+            require_number(fps, "fps", positive=True)
+        ).limit_denominator(1001)
         if not MIN_FPS <= self._rate <= MAX_FPS:
-            raise VideoError(f"{path}: {fps} frames a second cannot be written; give {float(MIN_FPS):g} to {MAX_FPS}.")
-        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
+            raise VideoError(
+                f"{path}: {fps} frames a second cannot be written; give {float(MIN_FPS):g} to {MAX_FPS}."
+            )
+        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a
+        # constant rate.
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
@@ -97,7 +113,8 @@ class VideoWriter:
         self._last_pts = -1
 
     def __enter__(self) -> VideoWriter:
-        # Created at once, so that an unwritable folder is reported before minutes of work.
+        # Created at once, so that an unwritable folder is reported before minutes of
+        # work.
         self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
@@ -111,33 +128,47 @@ class VideoWriter:
     def write(self, image: np.ndarray, time_s: float | None = None) -> None:
         """Append an RGB image (height, width, 3), uint8.
 
-        All images have one size. H.264 needs an even width and height: an odd one is padded by repeating the last
-        column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
-        `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
+        All images have one size. H.264 needs an even width and height: an odd one is
+        padded by repeating the last column or row, so that no pixel is lost or moved.
+        `time_s` is the presentation time on the clock of `sound_from`; the file begins
+        at the first written frame. Without it frames follow at the frame rate.
         """
         self.encode(self.convert(image, time_s))
 
     def convert(self, image: np.ndarray, time_s: float | None = None) -> av.VideoFrame:
-        """First half of `write`: the frame in YUV with its time stamp. `image` may be overwritten afterwards."""
+        """First half of `write`: the frame in YUV with its time stamp.
+
+        `image` may be overwritten afterwards.
+        """
         image = require_rgb(image, f"frame {self.frames} of {self.path}")
         height, width = image.shape[:2]
-        time_s = self.frames / float(self._rate) if time_s is None else require_number(time_s, "time_s")
+        time_s = (
+            self.frames / float(self._rate)
+            if time_s is None
+            else require_number(time_s, "time_s")
+        )
         if self._size is None:
             self._size, self._zero_s = (width, height), time_s
         if (width, height) != self._size:
             words = f"is {width}x{height} pixels, the first one was {self._size[0]}x{self._size[1]}"
-            raise VideoError(f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size.")
+            raise VideoError(
+                f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size."
+            )
         if height % 2 or width % 2:
             image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
         planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-        frame = av.VideoFrame.from_ndarray(np.asarray(planes, np.uint8), format="yuv420p")
+        frame = av.VideoFrame.from_ndarray(
+            np.asarray(planes, np.uint8), format="yuv420p"
+        )
         _tag(frame)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
 
     def encode(self, frame: av.VideoFrame) -> None:
-        """Second half of `write`: encode the converted frames in order; may run in another thread."""
+        """Second half of `write`: encode the converted frames in order; may run in
+        another thread.
+        """
         with self._ffmpeg_errors():
             container = self._container or self._open_container(frame)
             container.mux(self._stream.encode(frame))
@@ -157,7 +188,11 @@ class VideoWriter:
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
         constant_rate = abs(time_s - float(nearest / self._rate)) < STAMP_TOLERANCE_S
-        pts = nearest * self._ticks_per_frame if constant_rate else round(time_s / float(self._tick))
+        pts = (
+            nearest * self._ticks_per_frame
+            if constant_rate
+            else round(time_s / float(self._tick))
+        )
         # Some recorders write two frames with one time stamp, which mp4 does not allow.
         self._last_pts = frame.pts = max(pts, self._last_pts + 1)
         frame.time_base = self._tick
@@ -165,11 +200,15 @@ class VideoWriter:
 
     def _finish(self) -> None:
         if self._container is None:
-            raise VideoError(f"{self.path}: no frame was written; a video needs at least one.")
+            raise VideoError(
+                f"{self.path}: no frame was written; a video needs at least one."
+            )
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
+                self._sound.finish(
+                    (self._last_pts + self._ticks_per_frame) * float(self._tick)
+                )
             self._container.close()
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
@@ -182,17 +221,24 @@ class VideoWriter:
             yield
         except av.FFmpegError as error:
             raise OSError(
-                f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
+                f"{self.path}: cannot be written ({error.strerror}); choose another "
+                "folder or free some space."
             ) from error
 
 
 class _SoundTrack:
-    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
+    """The first sound track of `source` that can be decoded, written to `target`
+    interleaved with the frames.
+    """
 
-    def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
+    def __init__(
+        self, source: InputContainer, target: OutputContainer, *, start_s: float
+    ) -> None:
         self._source, self._target, self._start_s = source, target, start_s
         # A track in a codec that FFmpeg does not know has no codec context.
-        track = next((track for track in source.streams.audio if track.codec_context), None)
+        track = next(
+            (track for track in source.streams.audio if track.codec_context), None
+        )
         self._encoder: av.AudioStream | None = None
         if track and track.codec_context.name not in _COPIED_CODECS:
             self._encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
@@ -211,12 +257,17 @@ class _SoundTrack:
         self._write(None)
 
     def _write(self, piece: Any) -> None:
-        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other channels; the video goes on.
+        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other
+        # channels; the video goes on.
         with suppress(ValueError):
-            self._target.mux(self._encoder.encode(piece) if self._encoder else piece or [])
+            self._target.mux(
+                self._encoder.encode(piece) if self._encoder else piece or []
+            )
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
-        """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
+        """Packets for the output or frames for the encoder, from `start_s` on, with
+        their times since then.
+        """
         index = index_video(self._source.name.removeprefix("file:"), whole=False)
         zero_s = self._start_s + float(index.start_s)
         if self._start_s > 0:
@@ -230,12 +281,16 @@ class _SoundTrack:
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s
-            if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S and last_s > -math.inf:
+            if (
+                not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S
+                and last_s > -math.inf
+            ):
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s
             if self._encoder:
-                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
+                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two
+                # of these would have one time.
                 piece.time_base = Fraction(1, piece.sample_rate)
             else:
                 piece.stream = output
@@ -247,16 +302,23 @@ class _SoundTrack:
 def open_mp4(
     path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction
 ) -> tuple[OutputContainer, av.VideoStream]:
-    """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
-    container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720); its default quality
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": "23"})
+    """An mp4 container open for writing and its H.264 stream for frames of `size`
+    (width, height).
+    """
+    container = av.open(
+        str(path), "w", format="mp4", options={"movflags": "+faststart"}
+    )
+    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at
+    # 1280x720); its default quality
+    stream = container.add_stream(
+        "libx264", rate=rate, options={"preset": "veryfast", "crf": "23"}
+    )
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
-    # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are
-    # as fast as any other number on two cores.
+    # The bytes of x264 depend on its number of threads: a fixed number gives the same
+    # file on every machine. Four are as fast as any other number on two cores.
     codec.thread_count = 4
     _tag(codec)
     return container, stream
@@ -286,38 +348,45 @@ def process_video(
     telemetry: str | Path | TelemetryWriter | None = None,
     info: VideoInfo | None = None,
 ) -> VideoInfo:
-    """Apply a function to every frame of a video, and write an mp4 that browsers play, with the source's sound.
+    """Apply a function to every frame of a video, and write an mp4 that browsers play,
+    with the source's sound.
 
     Parameters
     ----------
     source, target : str or Path
-        `target` ends in .mp4 and is written atomically: after an exception or Ctrl-C an earlier file of that name is
-        unchanged, and no other file remains. It has the frame rate and time stamps of `source`.
+        `target` ends in .mp4 and is written atomically: after an exception or Ctrl-C an
+        earlier file of that name is unchanged, and no other file remains. It has the
+        frame rate and time stamps of `source`.
     function : callable
-        Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an RGB image, or a pair of that
-        and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's thread. All
-        returned images must have the same size. If it has a parameter `elapsed_s`, it gets the seconds since the
-        previous frame, None for the first; they vary in videos of variable rate.
+        Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an
+        RGB image, or a pair of that and a mapping with the frame's telemetry. It is
+        called once per frame, in order, in the caller's thread. All returned images
+        must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
+        since the previous frame, None for the first; they vary in videos of variable
+        rate.
     start_s, end_s : float
         As for `read_timed_frames`.
     progress : bool
         Show frames per second and the remaining time, in a terminal or a notebook only.
     telemetry : str, Path or TelemetryWriter, optional
-        CSV file with a row per frame: frame (counted from the start of `source`), time_s, the telemetry of `function`,
-        and, unless that contains it, latency_ms, the time that `function` took.
+        CSV file with a row per frame: frame (counted from the start of `source`),
+        time_s, the telemetry of `function`, and, unless that contains it, latency_ms,
+        the time that `function` took.
     info : VideoInfo, optional
         Result of `inspect_video(source)`, if known; otherwise the file is read twice.
 
     Returns
     -------
     VideoInfo
-        Properties of `target`, with its frames counted; every processed frame is in it. `missing` counts the frames of
-        `source` that are damaged or not there: they are skipped, and the others keep their times.
+        Properties of `target`, with its frames counted; every processed frame is in it.
+        `missing` counts the frames of `source` that are damaged or not there: they are
+        skipped, and the others keep their times.
 
     Raises
     ------
     FileNotFoundError, LaneError, OSError
-        If `source` cannot be used, `function` refuses a frame or returns no RGB image, or an output cannot be written.
+        If `source` cannot be used, `function` refuses a frame or returns no RGB image,
+        or an output cannot be written.
     """
     start_s = require_number(start_s, "start_s")
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
@@ -325,7 +394,9 @@ def process_video(
     with translate_write_errors(Path(target)):
         same = Path(target).exists() and os.path.samefile(source, target)
     if same:
-        raise VideoError(f"{target}: is the source itself; write the output under another name.")
+        raise VideoError(
+            f"{target}: is the source itself; write the output under another name."
+        )
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
@@ -338,45 +409,69 @@ def process_video(
         # This order renames the telemetry file only after the video.
         telemetry or nullcontext() as table,
         writer,
-        closing(read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)) as frames,
+        closing(
+            read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)
+        ) as frames,
         _write_behind(writer.encode) as encode,
     ):
         numbers: list[int] = []
         for frame in frames:
             options = {"elapsed_s": frame.elapsed_s} if takes_time else {}
-            image, row = _apply(function, frame.image, options, f"frame {frame.number} of {source}")
+            image, row = _apply(
+                function, frame.image, options, f"frame {frame.number} of {source}"
+            )
             # Converted in this thread: `function` may return the same array every time.
             encode(writer.convert(image, frame.time_s))
             if table:
-                table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
+                table.write(
+                    {"frame": frame.number, "time_s": round(frame.time_s, 6), **row}
+                )
             numbers.append(frame.number)
     return replace(writer.written, missing=count_lost(info, numbers, start_s, end_s))
 
 
-def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:
-    """The image that `function` returns, and its telemetry with the latency; errors begin with the frame's `name`."""
+def _apply(
+    function: Callable, image: np.ndarray, options: Mapping, name: str
+) -> tuple[np.ndarray, Row]:
+    """The image that `function` returns, and its telemetry with the latency; errors
+    begin with the frame's `name`.
+    """
     began_s = time.perf_counter()
     try:
         result = function(image, **options)
     except PictureError as error:
-        # The message begins with "image", because `function` does not know the frame's number.
+        # The message begins with "image", because `function` does not know the frame's
+        # number.
         raise PictureError(f"{name}: {str(error).removeprefix('image: ')}") from error
     except Exception as error:
         error.add_note(f"(while processing {name})")
         raise
     latency_ms = round((time.perf_counter() - began_s) * 1e3, 3)
     made, row = result if isinstance(result, tuple) else (result, {})
-    if not isinstance(made, np.ndarray) or made.ndim != 3 or made.shape[2] != 3 or made.dtype != np.uint8:
-        got = f"{made.dtype} of shape {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
-        raise VideoError(f"{name}: the function returned {got}; it must return an RGB image (height, width, 3), uint8.")
+    if (
+        not isinstance(made, np.ndarray)
+        or made.ndim != 3
+        or made.shape[2] != 3
+        or made.dtype != np.uint8
+    ):
+        got = (
+            f"{made.dtype} of shape {made.shape}"
+            if isinstance(made, np.ndarray)
+            else type(made).__name__
+        )
+        raise VideoError(
+            f"{name}: the function returned {got}; it must return an RGB image (height, width, 3), uint8."
+        )
     return made, {**row, "latency_ms": row.get("latency_ms", latency_ms)}
 
 
 @contextmanager
 def _write_behind(write: Callable) -> Iterator[Callable]:
-    """A function that queues an item for `write` in another thread; it blocks while `QUEUE_SIZE` items are waiting.
+    """A function that queues an item for `write` in another thread; it blocks while
+    `QUEUE_SIZE` items are waiting.
 
-    An exception of `write` is raised by a later call or at the end of the block. All items are written at its end.
+    An exception of `write` is raised by a later call or at the end of the block. All
+    items are written at its end.
     """
     waiting: deque[Future] = deque()
     with ThreadPoolExecutor(1) as thread:
