@@ -34,7 +34,8 @@ _QUALITY_OPTIONS |= {
 _READ_FORMATS = ("JPEG", "PNG", "WEBP", "BMP", "TIFF", "AVIF")
 _IMAGE_NAMES = r"\.(jpe?g|jpe|jfif|png|webp|bmp|tiff?|avif|hei[cf])$"
 _VIDEO_NAMES = (
-    r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif|y4m|mjpe?g|h?26[45]|hevc"
+    r"\.(mp4|m4v|mov|3gp|avi|mkv|webm|m?ts|m2ts|mpe?g|vob|flv|wmv|asf|ogv|mxf|nut|gif"
+    r"|y4m|mjpe?g|h?26[45]|hevc"
     r"|(bag|db3|mcap)(\.zstd?)?)$"
 )
 # EXIF orientations (TIFF 6.0): the axes of the upright image, right and down, in those
@@ -51,6 +52,13 @@ _UPRIGHT_AXES = {
 }
 
 
+def is_rgb(image: object) -> bool:
+    """Whether this is an array (height, width, 3), uint8; it may have no pixels."""
+    if not isinstance(image, np.ndarray):
+        return False
+    return image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8
+
+
 def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.ndarray:
     """The image, contiguous in memory as OpenCV and FFmpeg need it: a copy only of a
     view with other strides.
@@ -60,26 +68,20 @@ def require_rgb(image: np.ndarray | str | Path, name: object = "image") -> np.nd
     """
     if isinstance(image, str | Path):
         return read_image(image)
-    if (
-        not isinstance(image, np.ndarray)
-        or image.ndim != 3
-        or image.shape[2] != 3
-        or image.dtype != np.uint8
-    ):
-        got = (
-            f"shape {image.shape}, dtype {image.dtype}"
-            if isinstance(image, np.ndarray)
-            else type(image).__name__
-        )
+
+    if not is_rgb(image):
+        got = type(image).__name__
+        if isinstance(image, np.ndarray):
+            got = f"shape {image.shape}, dtype {image.dtype}"
         raise PictureError(
             f"{name}: expected an RGB image of shape (height, width, 3) and dtype "
-            f"uint8, got {got}; "
-            "read it with read_image."
+            f"uint8, got {got}; read it with read_image."
         )
     if not image.size:
         raise PictureError(
             f"{name}: holds no pixels (shape {image.shape}); check how it was cropped."
         )
+
     return np.ascontiguousarray(image)
 
 
@@ -89,7 +91,8 @@ def to_rgb(image: np.ndarray) -> np.ndarray:
     """
     image = np.asarray(image)
     if image.ndim == 2:
-        if image.dtype == bool or (image.size and image.max() <= 1):
+        is_mask = image.dtype == bool or (image.size and image.max() <= 1)
+        if is_mask:
             image = (image > 0).astype(np.uint8) * 255
         image = np.repeat(image[:, :, None], 3, axis=2)
     return require_rgb(image).copy()
@@ -97,9 +100,12 @@ def to_rgb(image: np.ndarray) -> np.ndarray:
 
 def kind_of_file(path: str | Path) -> Literal["image", "video"] | None:
     """The kind of a file by the suffix of its name; None if it is neither."""
-    if re.search(_IMAGE_NAMES, str(path), re.IGNORECASE):
+    name = str(path)
+    if re.search(_IMAGE_NAMES, name, re.IGNORECASE):
         return "image"
-    return "video" if re.search(_VIDEO_NAMES, str(path), re.IGNORECASE) else None
+    if re.search(_VIDEO_NAMES, name, re.IGNORECASE):
+        return "video"
+    return None
 
 
 def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
@@ -116,6 +122,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
 
     # an incompressible PNG of MAX_PIXELS is as large
     path = require_file(path, "image", error=PictureError, max_bytes=3 * MAX_PIXELS)
+
     try:
         # warnings about entries of no importance here, such as EXIF
         with (
@@ -123,24 +130,27 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
             Image.open(path, formats=_READ_FORMATS) as opened,
         ):
             # MPO is a JPEG with previews behind the image
-            images = 1 if opened.format == "MPO" else getattr(opened, "n_frames", 1)
-            bits = opened.mode
-            image = make_upright(
-                np.array(opened.convert("RGB")),
-                orientation_of(opened) if upright else 1,
-            )
+            images = 1
+            if opened.format != "MPO":
+                images = getattr(opened, "n_frames", 1)
+            mode = opened.mode
+            image = np.array(opened.convert("RGB"))
+            if upright:
+                image = make_upright(image, orientation_of(opened))
     except Exception as error:  # a damaged file makes Pillow raise many types
         raise PictureError(
             f"{path}: cannot be decoded as an image ({error}): it is cut off, damaged, "
-            "too large, or not a JPEG, PNG, "
-            "WebP, BMP, TIFF or AVIF; copy it again from its source, or convert it to "
-            "JPEG with the photo app."
+            "too large, or not a JPEG, PNG, WebP, BMP, TIFF or AVIF; copy it again "
+            "from its source, or convert it to JPEG with the photo app."
         ) from error
+
     if images > 1:
         raise PictureError(
-            f"{path}: holds {images} images; save the one to use alone, or convert all to an mp4 video."
+            f"{path}: holds {images} images; save the one to use alone, or convert all "
+            "to an mp4 video."
         )
-    if bits[0] in "IF":
+    # Pillow's modes of integers and floating-point numbers
+    if mode[0] in "IF":
         raise PictureError(
             f"{path}: has more than 8 bits a pixel; save it again as JPEG."
         )
@@ -151,7 +161,8 @@ def upright_axes(orientation: int) -> np.ndarray:
     """Matrix (2, 2) from the axes (right, down) of a stored image to those of the
     upright one, by EXIF orientation.
     """
-    return np.array(_UPRIGHT_AXES.get(orientation, _UPRIGHT_AXES[1]))
+    axes = _UPRIGHT_AXES.get(orientation, _UPRIGHT_AXES[1])
+    return np.array(axes)
 
 
 def is_transposed(orientation: int) -> bool:
@@ -162,14 +173,16 @@ def is_transposed(orientation: int) -> bool:
 def make_upright(image: np.ndarray, orientation: int) -> np.ndarray:
     """The upright image (rows, columns, ...), contiguous, of a stored one."""
     right, down = upright_axes(orientation).sum(axis=1)
-    turned = np.swapaxes(image, 0, 1) if is_transposed(orientation) else image
-    return np.ascontiguousarray(turned[::down, ::right])
+    if is_transposed(orientation):
+        image = np.swapaxes(image, 0, 1)
+    return np.ascontiguousarray(image[::down, ::right])
 
 
 def as_stored(image: np.ndarray, orientation: int) -> np.ndarray:
-    """The stored image, contiguous, of an upright one: the inverse of `make_upright`."""
+    """The stored image, contiguous, of an upright one: inverse of `make_upright`."""
     # only the quarter turns are not their own inverses
-    return make_upright(image, {6: 8, 8: 6}.get(orientation, orientation))
+    inverse = {6: 8, 8: 6}.get(orientation, orientation)
+    return make_upright(image, inverse)
 
 
 def read_orientation(path: str | Path) -> int:
@@ -191,7 +204,9 @@ def orientation_of(opened: Any) -> int:
     none.
     """
     # OpenCV and Pillow turn a TIFF themselves.
-    orientation = 1 if opened.format == "TIFF" else opened.getexif().get(0x0112, 1)
+    if opened.format == "TIFF":
+        return 1
+    orientation = opened.getexif().get(0x0112, 1)
     return orientation if orientation in _UPRIGHT_AXES else 1
 
 
@@ -211,28 +226,28 @@ def write_image(path: str | Path, image: np.ndarray, *, jpeg_quality: int = 92) 
         raise PictureError(
             f"{path}: cannot write {kind}; end the name in .jpg or .png."
         )
+
     image = require_rgb(image, path)
-    options = (
-        [_QUALITY_OPTIONS[suffix], jpeg_quality] if suffix in _QUALITY_OPTIONS else []
-    )
+    bgr = cv2.cvtColor(image, cv2.COLOR_RGB2BGR)
+    options = []
+    if suffix in _QUALITY_OPTIONS:
+        options = [_QUALITY_OPTIONS[suffix], jpeg_quality]
     written_as = ".jpg" if suffix in _JPEG else path.suffix
-    done, data = cv2.imencode(
-        written_as, cv2.cvtColor(image, cv2.COLOR_RGB2BGR), options
-    )
+    done, data = cv2.imencode(written_as, bgr, options)
     if not done:
         raise PictureError(
-            f"{path}: the image of shape {image.shape} could not be encoded as {path.suffix}."
+            f"{path}: the image of shape {image.shape} could not be encoded as "
+            f"{path.suffix}."
         )
+
     write_atomically(path, data.tobytes())
     return path
 
 
 def natural_key(path: Path) -> list:
     """Sort key for natural order: runs of digits compare as numbers."""
-    return [
-        int(part) if part.isdecimal() else part
-        for part in re.split(r"(\d+)", path.name)
-    ]
+    parts = re.split(r"(\d+)", path.name)
+    return [int(part) if part.isdecimal() else part for part in parts]
 
 
 @contextmanager
