@@ -4,7 +4,6 @@ from them.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob
@@ -58,43 +57,62 @@ def find_sources(names: Iterable[str]) -> Sources:
     file named directly that is not an image is read as a video. Raises
     FileNotFoundError for a name that stands for no file.
     """
-    files: dict[Path, str] = {}
-    skipped: list[Path] = []
     names = list(names)
     if not names:
         raise FileNotFoundError(
-            "no file is named; give an image, a video, a folder or a pattern such as drives/*.mp4."
+            "no file is named; give an image, a video, a folder or a pattern such as "
+            "drives/*.mp4."
         )
+
+    files: dict[Path, str] = {}
+    skipped: list[Path] = []
     for name in names:
-        in_folder = bool(name) and Path(name).is_dir() and not is_bag_folder(name)
-        found = {path: path.name.endswith(MESSAGES_SUFFIX) for path in _files(name)}
-        kinds = {
-            p: None if own else kind_of_file(p) or (None if in_folder else "video")
-            for p, own in found.items()
-        }
-        skipped += [path for path, kind in kinds.items() if kind is None]
+        in_folder = _is_folder_of_files(name)
+        kinds = {path: _kind(path, in_folder) for path in _files(name)}
         if in_folder and not any(kinds.values()):
             raise FileNotFoundError(
                 f"{name}: holds neither a video nor an image; name another folder."
             )
-        files |= {path: kind for path, kind in kinds.items() if kind}
+        for path, kind in kinds.items():
+            if kind is None:
+                skipped.append(path)
+            else:
+                files[path] = kind
     if skipped and not files:
         raise FileNotFoundError(
-            f"{skipped[0]}: was written by annotate; give the log that it was made from."
+            f"{skipped[0]}: was written by annotate; give the log that it was made "
+            "from."
         )
-    videos, stills = (
-        tuple(p for p, kind in files.items() if kind == wanted)
-        for wanted in ("video", "image")
-    )
-    return Sources(videos, stills, tuple(skipped))
+
+    videos = [path for path, kind in files.items() if kind == "video"]
+    stills = [path for path, kind in files.items() if kind == "image"]
+    return Sources(tuple(videos), tuple(stills), tuple(skipped))
+
+
+def _is_folder_of_files(name: str) -> bool:
+    """Whether a name stands for a folder that is no recording; "" stands for none."""
+    return bool(name) and Path(name).is_dir() and not is_bag_folder(name)
+
+
+def _kind(path: Path, in_folder: bool) -> str | None:
+    """The kind of a source; None for a file that is skipped."""
+    if path.name.endswith(MESSAGES_SUFFIX):
+        return None
+    kind = kind_of_file(path)
+    if kind is None and not in_folder:
+        return "video"
+    return kind
 
 
 def require_topic(files: Iterable[Path], topic: str | None) -> None:
     """Raise VideoError if a topic is given, but none of the files is a robot log."""
     files = list(files)
-    if topic is not None and files and not any(map(is_robot_log, files)):
+    if topic is None or not files:
+        return
+    if not any(map(is_robot_log, files)):
         raise VideoError(
-            f"{files[0]}: is no robot log and has no topics, so none is named {topic!r}; omit the topic."
+            f"{files[0]}: is no robot log and has no topics, so none is named "
+            f"{topic!r}; omit the topic."
         )
 
 
@@ -119,21 +137,23 @@ def _files(name: str) -> list[Path]:
         path.exists()
     except PermissionError as error:
         raise ValueError(NO_PERMISSION.format(name)) from error
-    if name and path.is_dir() and not is_bag_folder(path):
+
+    if _is_folder_of_files(name):
         found = list_files(path)
     elif name and path.exists():
         return [path]
     else:
-        found = [
-            Path(match)
-            for match in glob(name, recursive=True)
-            if Path(match).is_file() or is_bag_folder(match)
-        ]
+        matches = map(Path, glob(name, recursive=True))
+        found = [path for path in matches if path.is_file() or is_bag_folder(path)]
         if not found:
             raise FileNotFoundError(
                 f"{name}: there is no such file or folder; check the name."
             )
-    return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))
+    return sorted(found, key=_order)
+
+
+def _order(path: Path) -> tuple[str, list]:
+    return str(path.parent), natural_key(path)
 
 
 def read_turn(file: Path) -> int:
@@ -142,7 +162,9 @@ def read_turn(file: Path) -> int:
     """
     if kind_of_file(file) == "image":
         return read_orientation(file)
-    return 1 if is_robot_log(file) else inspect_video(file).orientation
+    if is_robot_log(file):
+        return 1
+    return inspect_video(file).orientation
 
 
 def sample_images(
@@ -164,27 +186,32 @@ def sample_images(
     `inspect_video`. Raises LaneError if a file cannot be read or a video ends before
     `start_s`.
     """
+    # Each still, and up to `max_images` times of each video.
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
         if kind_of_file(file) == "image":
             candidates.append((file, None))
-        else:
-            info = (infos or {}).get(file) or inspect_video(file, topic=topic)
-            candidates += [
-                (file, time_s)
-                for time_s in _times_s(file, info, max_images, start_s, end_s)
-            ]
+            continue
+        info = (infos or {}).get(file)
+        if info is None:
+            info = inspect_video(file, topic=topic)
+        times_s = _times_s(file, info, max_images, start_s, end_s)
+        candidates += [(file, time_s) for time_s in times_s]
+
+    # Evenly spaced ones of them.
     count = min(max_images, len(candidates))
-    chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
-    for file, group in groupby(
-        (candidates[index] for index in chosen), key=itemgetter(0)
-    ):
-        times_s = [time_s for _, time_s in group]
-        for image in (
-            [read_image(file)]
-            if times_s[0] is None
-            else _frames_at(file, times_s, end_s, topic)
-        ):
+    places = np.linspace(0, len(candidates) - 1, count).round()
+    indices = np.unique(places.astype(int))
+    chosen = [candidates[index] for index in indices]
+
+    for file, group in groupby(chosen, key=itemgetter(0)):
+        wanted_s = [time_s for _, time_s in group]
+        images: Iterable[np.ndarray]
+        if wanted_s[0] is None:
+            images = [read_image(file)]
+        else:
+            images = _frames_at(file, wanted_s, end_s, topic)
+        for image in images:
             if require:
                 require(image, file)
             yield image
@@ -196,12 +223,18 @@ def _times_s(
     """Up to `max_times` times, evenly spaced over a part of a video, at most one per
     frame.
     """
-    length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
+    until_s = info.duration_s
+    if end_s is not None:
+        until_s = min(until_s, end_s)
+    length_s = until_s - start_s
     if length_s <= 0:
         raise VideoError(
-            f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s."
+            f"{video}: lasts {info.duration_s:g} s; begin before that, not at "
+            f"{start_s:g} s."
         )
-    count = min(max_times, max(round(length_s * info.fps), 1))
+
+    frames = max(round(length_s * info.fps), 1)
+    count = min(max_times, frames)
     return start_s + length_s * np.arange(count) / count
 
 
@@ -218,10 +251,9 @@ def _frames_at(
     for time_s in times_s:
         if time_s > now_s + 2.0:
             frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
+        earliest_s = time_s - STAMP_TOLERANCE_S
         try:
-            frame = next(
-                (f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None
-            )
+            frame = next((f for f in frames if f.time_s >= earliest_s), None)
         except VideoError:  # no frame from here to `end_s`
             if now_s < 0:
                 raise
