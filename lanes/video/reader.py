@@ -1,7 +1,8 @@
-"""Video files opened through PyAV (FFmpeg inside this process): their properties, and their frames one by one.
+"""Video files opened through PyAV (FFmpeg inside this process): their properties, and
+their frames one by one.
 
-One pass over the packets gives the index of a file. `read_timed_frames` is the one way that frames are read; damaged
-ones are skipped, and the others keep their times.
+One pass over the packets gives the index of a file. `read_timed_frames` is the one way
+that frames are read; damaged ones are skipped, and the others keep their times.
 """
 
 from __future__ import annotations
@@ -28,28 +29,42 @@ from lanes.console import progress_bar
 from lanes.equality import ByValue
 from lanes.errors import VideoError, require_number
 from lanes.files import require_file
-from lanes.recording import CLOCK_RESET_S, MAX_FPS, MAX_PIXELS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
+from lanes.recording import (
+    CLOCK_RESET_S,
+    MAX_FPS,
+    MAX_PIXELS,
+    MAX_SHORT_SHARE,
+    MIN_FPS,
+    MIN_STEP,
+)
 from lanes.ros.log_files import is_robot_log
 from lanes.ros.robot_log import index_log, read_log
 from lanes.video.images import is_transposed, make_upright, upright_axes
 
-# Formats of recorders, phones and editors. Playlists and lists of files (hls, dash, concat, image2) are excluded: they
-# make FFmpeg open further files or network addresses that the author of the file chose.
+# Formats of recorders, phones and editors. Playlists and lists of files (hls, dash,
+# concat, image2) are excluded: they make FFmpeg open further files or network addresses
+# that the author of the file chose.
 _FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
-# Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of presentation times are wrong for
-# reordered frames and at gaps; players show a frame at the place of the packet that completes it.
+# Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of
+# presentation times are wrong for reordered frames and at gaps; players show a frame at
+# the place of the packet that completes it.
 _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
-# A larger step forward is a clock that was set, as by the first report of an RTP stream, which is since the year 1900.
+# A larger step forward is a clock that was set, as by the first report of an RTP
+# stream, which is since the year 1900.
 CLOCK_SET_S = 86_400.0
-# More frames of the usual rate than this are not missing in a hole: another recording begins behind it.
+# More frames of the usual rate than this are not missing in a hole: another recording
+# begins behind it.
 JUMP_FRAMES = 1500
 _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
-# Some containers round time stamps to a millisecond: a time stamp this close to a limit counts as equal.
+# Some containers round time stamps to a millisecond: a time stamp this close to a limit
+# counts as equal.
 STAMP_TOLERANCE_S = 1e-3
-# Frames that wait between two threads. One would be enough if every step took constant time.
+# Frames that wait between two threads. One would be enough if every step took constant
+# time.
 QUEUE_SIZE = 3
 MIRRORED_WORDS = (
-    "is shown mirrored, as its display matrix says: if the road is mirrored, too, left and right are exchanged; remove "
+    "is shown mirrored, as its display matrix says: if the road is mirrored, too, left "
+    "and right are exchanged; remove "
     "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
 )
 
@@ -58,8 +73,9 @@ MIRRORED_WORDS = (
 class VideoInfo:
     """Properties of a video file.
 
-    Width and height are those shown, after rotation and with square pixels. `missing` counts frames that the header
-    announces or the time stamps have gaps for, but that are not in the file.
+    Width and height are those shown, after rotation and with square pixels. `missing`
+    counts frames that the header announces or the time stamps have gaps for, but that
+    are not in the file.
     """
 
     width: int
@@ -83,9 +99,10 @@ class VideoInfo:
 class VideoIndex:
     """What one pass over the packets of a video says.
 
-    `rate` is in frames per second; `constant_rate` says whether that is also the rate of the steps. `start_s` is the
-    presentation time of the first frame on the container's clock; it may be damaged. `stamps` (N,) are those of the
-    frames that are shown, sorted.
+    `rate` is in frames per second; `constant_rate` says whether that is also the rate
+    of the steps. `start_s` is the presentation time of the first frame on the
+    container's clock; it may be damaged. `stamps` (N,) are those of the frames that are
+    shown, sorted.
     """
 
     info: VideoInfo
@@ -97,12 +114,15 @@ class VideoIndex:
 
 @dataclass(frozen=True, eq=False)
 class TimedFrame(ByValue):
-    """One frame: its number, its time since the video's first frame, and the RGB image (height, width, 3), uint8."""
+    """One frame: its number, its time since the video's first frame, and the RGB image
+    (height, width, 3), uint8.
+    """
 
     number: int
     time_s: float
     image: np.ndarray = field(repr=False)
-    # Seconds since the previous frame that was read, None for the first; they vary in videos of variable rate.
+    # Seconds since the previous frame that was read, None for the first; they vary in
+    # videos of variable rate.
     elapsed_s: float | None = None
     # Time that a tracker took for it.
     latency_ms: float = 0.0
@@ -114,23 +134,32 @@ class TimedFrame(ByValue):
 def open_video(path: str | Path) -> InputContainer:
     """Open a video file; FFmpeg cannot open any other file or address named in it.
 
-    Raises FileNotFoundError, or VideoError if it is not a video of one of `_FORMATS` or claims more than `MAX_PIXELS`.
+    Raises FileNotFoundError, or VideoError if it is not a video of one of `_FORMATS` or
+    claims more than `MAX_PIXELS`.
     """
     path = require_file(path, "video", error=VideoError)
-    # FFmpeg decodes the first frames while it opens a file: the limit applies to these, and below to all others.
-    options = {"protocol_whitelist": "file", "format_whitelist": _FORMATS, "max_pixels": str(MAX_PIXELS)}
+    # FFmpeg decodes the first frames while it opens a file: the limit applies to these,
+    # and below to all others.
+    options = {
+        "protocol_whitelist": "file",
+        "format_whitelist": _FORMATS,
+        "max_pixels": str(MAX_PIXELS),
+    }
     try:
         # Without the prefix a name such as "concat:a.mp4" would select a protocol.
         container = av.open(f"file:{path}", options=options)
     except av.FFmpegError as error:
         raise VideoError(
-            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, a playlist, or cut off; copy it "
+            f"{path}: cannot be read as a video ({error.strerror}): it is not a video, "
+            "a playlist, or cut off; copy it "
             "again, or convert it to mp4."
         ) from error
     streams = container.streams
     if not streams.video or streams.video[0].codec_context is None:
         kinds = " and ".join(sorted({stream.type for stream in streams})) or "none"
-        without = f"holds no frame of a video (its streams: {kinds}); name a video file."
+        without = (
+            f"holds no frame of a video (its streams: {kinds}); name a video file."
+        )
         fault = _NOT_DECODED if streams.video else without
         container.close()
         raise VideoError(f"{path}: {fault}")
@@ -138,15 +167,22 @@ def open_video(path: str | Path) -> InputContainer:
     return container
 
 
-def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:
+def decode_frames(
+    container: InputContainer, stream: av.VideoStream
+) -> Iterator[av.VideoFrame]:
     """The undamaged frames of a video stream in order."""
-    placed, last = container.format.name in _WITHOUT_PRESENTATION_TIMES, None
+    placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
+    last = None
     for packet in read_packets(container, stream):
         for frame in decode_packet(packet):
             if placed:
-                if frame.dts is None and last is not None:  # the last frames are completed by the end of the file
-                    rate, tick = stream.average_rate or stream.guessed_rate, stream.time_base
-                    frame.pts = last + max(round(1 / (rate * tick)) if rate and tick else 1, 1)
+                # the last frames are completed by the end of the file
+                if frame.dts is None and last is not None:
+                    rate = stream.average_rate or stream.guessed_rate
+                    tick = stream.time_base
+                    frame.pts = last + max(
+                        round(1 / (rate * tick)) if rate and tick else 1, 1
+                    )
                 else:
                     frame.pts = frame.dts
                 last = frame.pts
@@ -155,19 +191,25 @@ def decode_frames(container: InputContainer, stream: av.VideoStream) -> Iterator
 
 
 def frame_orientation(frame: av.VideoFrame) -> int:
-    """The EXIF orientation of a frame by its display matrix, to the nearest quarter turn; 1 without one."""
+    """The EXIF orientation of a frame by its display matrix, to the nearest quarter
+    turn; 1 without one.
+    """
     side_data: Any = frame.side_data  # PyAV's types know its numbers only
     matrix = side_data.get(SideDataType.DISPLAYMATRIX)
     if matrix is None:
         return 1
-    # of a row vector (column, row) in the stored image to one on the screen (libavutil/display.h)
+    # of a row vector (column, row) in the stored image to one on the screen
+    # (libavutil/display.h)
     a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
     axes = np.sign([(a, 0), (0, d)] if abs(a) >= abs(c) else [(0, c), (b, 0)])
     return next((n for n in range(1, 9) if (upright_axes(n) == axes).all()), 1)
 
 
-def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Iterator[av.Packet]:
-    """The packets of these or all streams; a file that is damaged after some packets ends there.
+def read_packets(
+    container: InputContainer, *streams: av.stream.Stream
+) -> Iterator[av.Packet]:
+    """The packets of these or all streams; a file that is damaged after some packets
+    ends there.
 
     Raises VideoError if it is damaged before.
     """
@@ -179,15 +221,19 @@ def read_packets(container: InputContainer, *streams: av.stream.Stream) -> Itera
     except av.FFmpegError as error:
         if not count:
             path = container.name.removeprefix("file:")
-            raise VideoError(f"{path}: is damaged ({error.strerror}); copy or export it again.") from error
+            raise VideoError(
+                f"{path}: is damaged ({error.strerror}); copy or export it again."
+            ) from error
 
 
 def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
     """The index of a video, made once for calls in a row; one frame is decoded.
 
-    If not the `whole` file is needed, it is read up to the first frame, unless its rate includes jumps in time: `info`
-    and `stamps` are those of the packets up to there. A file that was cut off has its frames up to there. Raises
-    FileNotFoundError, or VideoError if the file is empty, not a video, without frames, or without a usable frame rate.
+    If not the `whole` file is needed, it is read up to the first frame, unless its rate
+    includes jumps in time: `info` and `stamps` are those of the packets up to there. A
+    file that was cut off has its frames up to there. Raises FileNotFoundError, or
+    VideoError if the file is empty, not a video, without frames, or without a usable
+    frame rate.
     """
     file = require_file(path, "video", error=VideoError).stat()
     return _index_video(str(path), whole, file.st_mtime_ns, file.st_size)
@@ -196,18 +242,28 @@ def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
 @lru_cache(maxsize=16)
 def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
     with open_video(path) as container:
-        stream, stored, end_s, early, first = container.streams.video[0], 0, 0.0, 0, None
-        shown: list[tuple[int | None, int | None]] = []  # time stamps of presentation and of decoding
+        stream = container.streams.video[0]
+        stored = 0
+        end_s = 0.0
+        early = 0
+        first = None
+        # time stamps of presentation and of decoding
+        shown: list[tuple[int | None, int | None]] = []
         for packet in read_packets(container):
             if packet.pts is not None:
-                end_s = max(end_s, float((packet.pts + (packet.duration or 0)) * packet.time_base))
+                end_s = max(
+                    end_s,
+                    float((packet.pts + (packet.duration or 0)) * packet.time_base),
+                )
             if packet.stream is stream:
                 stored += packet.size > 0
-                # A clip cut without re-encoding begins with frames that are only references for later ones.
+                # A clip cut without re-encoding begins with frames that are only
+                # references for later ones.
                 if packet.size and not packet.is_discard:
                     shown.append((packet.pts, packet.dts))
                 if first is None:
-                    early, first = len(shown), next(decode_packet(packet), None)
+                    early = len(shown)
+                    first = next(decode_packet(packet), None)
                 if first is not None and not whole and not _has_jumps(stream):
                     break
         if first is None:
@@ -215,10 +271,17 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
         stamps = np.sort([pts for pts, _ in shown if pts is not None])
         rate = _frame_rate(stream, stamps, path)
         # average rate and base rate differ by less than 2 %
-        constant = stream.guessed_rate is not None and abs(stream.guessed_rate / rate - 1) < 0.02
-        length_s, gaps = _measure_stamps([pts for pts, _ in shown], rate, stream.time_base, constant)
+        constant = (
+            stream.guessed_rate is not None
+            and abs(stream.guessed_rate / rate - 1) < 0.02
+        )
+        length_s, gaps = _measure_stamps(
+            [pts for pts, _ in shown], rate, stream.time_base, constant
+        )
         orientation = frame_orientation(first)
-        width, height = square_size(first, stream)[:: -1 if is_transposed(orientation) else 1]
+        width, height = square_size(first, stream)[
+            :: -1 if is_transposed(orientation) else 1
+        ]
         info = VideoInfo(
             width=width,
             height=height,
@@ -226,40 +289,59 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
             frames=len(shown),
             duration_s=round(length_s, 6),
             has_audio=bool(container.streams.audio),
-            missing=max(stream.frames - stored, gaps + _count_cut_off(container, rate, end_s)),
+            missing=max(
+                stream.frames - stored, gaps + _count_cut_off(container, rate, end_s)
+            ),
             orientation=orientation,
         )
-        return VideoIndex(info, rate, constant, _start_s(container, shown[:early], first), stamps)
+        return VideoIndex(
+            info, rate, constant, _start_s(container, shown[:early], first), stamps
+        )
 
 
-def _start_s(container: InputContainer, packets: Sequence[tuple], first: av.VideoFrame) -> Fraction:
-    """Presentation time of the first frame by the stamps of the packets up to that which completes it, seconds.
+def _start_s(
+    container: InputContainer, packets: Sequence[tuple], first: av.VideoFrame
+) -> Fraction:
+    """Presentation time of the first frame by the stamps of the packets up to that
+    which completes it, seconds.
 
-    FFmpeg's own start time is that of the first five seconds, where a video may begin later than its sound.
+    FFmpeg's own start time is that of the first five seconds, where a video may begin
+    later than its sound.
     """
-    stream, placed = container.streams.video[0], container.format.name in _WITHOUT_PRESENTATION_TIMES
+    stream = container.streams.video[0]
+    placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
     stamps = [dts if placed else pts for pts, dts in packets if pts is not None]
     if placed and stream.codec_context.has_b_frames and first.dts is not None:
         stamps = [first.dts]
-    return min((stamp for stamp in stamps if stamp is not None), default=0) * (stream.time_base or Fraction(0))
+    return min((stamp for stamp in stamps if stamp is not None), default=0) * (
+        stream.time_base or Fraction(0)
+    )
 
 
 def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
-    """Width and height of a frame before rotation, one of them enlarged so that the pixels are square."""
+    """Width and height of a frame before rotation, one of them enlarged so that the
+    pixels are square.
+    """
     aspect = stream.sample_aspect_ratio or Fraction(1)
     if not Fraction(1, 4) <= aspect <= 4:  # nonsense
         aspect = Fraction(1)
-    return round(frame.width * max(aspect, Fraction(1))), round(frame.height / min(aspect, Fraction(1)))
+    return round(frame.width * max(aspect, Fraction(1))), round(
+        frame.height / min(aspect, Fraction(1))
+    )
 
 
 def _has_jumps(stream: av.VideoStream) -> bool:
-    """Whether the average rate of a stream is so low, less than 0.9 of the base rate, that it may include jumps."""
+    """Whether the average rate of a stream is so low, less than 0.9 of the base rate,
+    that it may include jumps.
+    """
     rate = stream.average_rate or stream.guessed_rate or MIN_FPS
     return rate < MIN_FPS or rate < 0.9 * float(stream.guessed_rate or rate)
 
 
 def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
-    """Frames per second, without jumps in time; raises VideoError if the frame rate is missing or not usable."""
+    """Frames per second, without jumps in time; raises VideoError if the frame rate is
+    missing or not usable.
+    """
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: has no frame rate; convert it to mp4 first.")
@@ -267,45 +349,65 @@ def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fracti
         steps = np.diff(stamps)
         usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
         if stream.time_base and len(usual) < len(steps) and usual.any():
-            rate = Fraction(1 / float(usual.mean() * stream.time_base)).limit_denominator(1001)
+            rate = Fraction(
+                1 / float(usual.mean() * stream.time_base)
+            ).limit_denominator(1001)
     if not MIN_FPS <= rate <= MAX_FPS:
-        raise VideoError(f"{path}: states an implausible {float(rate):g} frames per second; convert it to mp4 first.")
+        raise VideoError(
+            f"{path}: states an implausible {float(rate):g} frames per second; convert it to mp4 first."
+        )
     return rate
 
 
 def _measure_stamps(
-    stamps: Sequence[int | None], rate: Fraction, tick: Fraction | None, constant_rate: bool
+    stamps: Sequence[int | None],
+    rate: Fraction,
+    tick: Fraction | None,
+    constant_rate: bool,
 ) -> tuple[float, int]:
-    """Length in seconds from the first frame to the end of the last, and number of frames missing in between.
+    """Length in seconds from the first frame to the end of the last, and number of
+    frames missing in between.
 
-    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers do not count, nor do the holes
-    between two recordings.
+    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers
+    do not count, nor do the holes between two recordings.
     """
-    known, length_s = [pts for pts in stamps if pts is not None], float(len(stamps) / rate)
+    known = [pts for pts in stamps if pts is not None]
+    length_s = float(len(stamps) / rate)
     if tick is None or not known or len(known) < len(stamps):
         return length_s, 0
-    # in frames; floats, because thousands of fractions take longer than to read the file
+    # in frames; floats, because thousands of fractions take longer than to read the
+    # file
     order = np.argsort(known, kind="stable")
     # no codec reorders 16 frames
-    places, away = np.array(known)[order] * float(tick * rate), np.abs(order - np.arange(len(order))) > 16
+    places = np.array(known)[order] * float(tick * rate)
+    away = np.abs(order - np.arange(len(order))) > 16
     if away.mean() < MAX_SHORT_SHARE:
         places = places[~away]
     steps = np.diff(places)
     steps[steps > CLOCK_SET_S * float(rate)] = 1
     if not constant_rate or (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
-        return (float((steps.sum() + 1) / rate) if (steps > JUMP_FRAMES).any() else length_s), 0
+        return (
+            float((steps.sum() + 1) / rate) if (steps > JUMP_FRAMES).any() else length_s
+        ), 0
     gaps = np.maximum(np.rint(steps) - 1, 0)
-    length, outliers = len(places) + int(gaps.sum()), len(known) - len(places)
+    length = len(places) + int(gaps.sum())
+    outliers = len(known) - len(places)
     return float(length / rate), max(count_missing(gaps) - outliers, 0)
 
 
 def count_missing(gaps: np.ndarray) -> int:
-    """Number of frames missing in `gaps` (N,) between frames; longer ones than `JUMP_FRAMES` are no loss."""
+    """Number of frames missing in `gaps` (N,) between frames; longer ones than
+    `JUMP_FRAMES` are no loss.
+    """
     return int(gaps[gaps <= JUMP_FRAMES].sum())
 
 
-def count_lost(info: VideoInfo, numbers: Sequence[int], start_s: float, end_s: float | None) -> int:
-    """Number of frames of a part that are damaged or not in the file, by the `numbers` of those that were read."""
+def count_lost(
+    info: VideoInfo, numbers: Sequence[int], start_s: float, end_s: float | None
+) -> int:
+    """Number of frames of a part that are damaged or not in the file, by the `numbers`
+    of those that were read.
+    """
     if start_s == 0 and (end_s is None or end_s >= info.duration_s):
         return max(0, info.frames + info.missing - len(numbers))
     return count_missing(np.diff(numbers) - 1)
@@ -313,10 +415,16 @@ def count_lost(info: VideoInfo, numbers: Sequence[int], start_s: float, end_s: f
 
 def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> int:
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
-    # In Matroska and NUT the duration counts from zero, in all others from the first packet.
-    begin = 0 if {"matroska", "nut"} & {*container.format.name.split(",")} else container.start_time or 0
+    # In Matroska and NUT the duration counts from zero, in all others from the first
+    # packet.
+    begin = (
+        0
+        if {"matroska", "nut"} & {*container.format.name.split(",")}
+        else container.start_time or 0
+    )
     cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
-    return round(cut_off_s * rate) if cut_off_s > 0.5 else 0  # some headers round to half a second
+    # some headers round to half a second
+    return round(cut_off_s * rate) if cut_off_s > 0.5 else 0
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:
@@ -331,57 +439,97 @@ def decode_packet(packet: av.Packet) -> Iterator[Any]:
 
 
 def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
-    """Properties of a video file, with the frames counted; reads the whole file but decodes one frame.
+    """Properties of a video file, with the frames counted; reads the whole file but
+    decodes one frame.
 
-    A file that was cut off has its frames up to there. `topic` is that of the images in a robot log, by default the
-    only one. Raises FileNotFoundError, or VideoError if the file is empty, not a video, or without frames.
+    A file that was cut off has its frames up to there. `topic` is that of the images in
+    a robot log, by default the only one. Raises FileNotFoundError, or VideoError if the
+    file is empty, not a video, or without frames.
     """
     if not is_robot_log(path):
         return index_video(path).info
     log = index_log(path, topic)
-    count, length_s = len(log.numbers), round(log.times_s[-1].item() + 1 / log.fps, 6)
+    count = len(log.numbers)
+    length_s = round(log.times_s[-1].item() + 1 / log.fps, 6)
     missing = int(log.numbers[-1]) + 1 - count
-    return VideoInfo(*log.size, log.fps, count, length_s, False, missing, topic=log.topic, note=log.note)
+    return VideoInfo(
+        *log.size,
+        log.fps,
+        count,
+        length_s,
+        False,
+        missing,
+        topic=log.topic,
+        note=log.note,
+    )
 
 
-def read_video(path: str | Path, *, start_s: float = 0.0, end_s: float | None = None) -> Generator[np.ndarray]:
-    """Yield the RGB images (height, width, 3), uint8, of `read_timed_frames`; parameters and exceptions as there."""
+def read_video(
+    path: str | Path, *, start_s: float = 0.0, end_s: float | None = None
+) -> Generator[np.ndarray]:
+    """Yield the RGB images (height, width, 3), uint8, of `read_timed_frames`;
+    parameters and exceptions as there.
+    """
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
         yield frame.image
 
 
 def read_timed_frames(
-    path: str | Path, *, start_s: float = 0.0, end_s: float | None = None, topic: str | None = None
+    path: str | Path,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    topic: str | None = None,
 ) -> Generator[TimedFrame]:
-    """Yield the frames with start_s <= time < end_s, seconds since the first frame, in order; None reads to the end.
+    """Yield the frames with start_s <= time < end_s, seconds since the first frame, in
+    order; None reads to the end.
 
-    The images are turned and mirrored as the file's display matrix says, and the caller may write to them. Damaged
-    frames are skipped; if the frame rate is constant, their numbers are skipped too. `topic` is as for `inspect_video`.
-    Raises FileNotFoundError, or VideoError if the file is not a video, its frame size changes, or it ends before
-    `start_s`.
+    The images are turned and mirrored as the file's display matrix says, and the caller
+    may write to them. Damaged frames are skipped; if the frame rate is constant, their
+    numbers are skipped too. `topic` is as for `inspect_video`. Raises
+    FileNotFoundError, or VideoError if the file is not a video, its frame size changes,
+    or it ends before `start_s`.
     """
     start_s = require_number(start_s, "start_s")
     end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
     if not 0 <= start_s < (math.inf if end_s is None else end_s):
-        raise VideoError(f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s.")
+        raise VideoError(
+            f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s."
+        )
     last_s = None
-    read = _read_log(path, start_s, end_s, topic) if is_robot_log(path) else _read_frames(path, start_s, end_s)
+    read = (
+        _read_log(path, start_s, end_s, topic)
+        if is_robot_log(path)
+        else _read_frames(path, start_s, end_s)
+    )
     for number, time_s, image in read:
-        yield TimedFrame(number, time_s, image, None if last_s is None else time_s - last_s)
+        yield TimedFrame(
+            number, time_s, image, None if last_s is None else time_s - last_s
+        )
         last_s = time_s
     if last_s is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
-        raise VideoError(f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it.")
+        raise VideoError(
+            f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it."
+        )
 
 
 def read_frames(
-    path: str | Path, info: VideoInfo, *, start_s: float = 0.0, end_s: float | None = None, progress: bool = False
+    path: str | Path,
+    info: VideoInfo,
+    *,
+    start_s: float = 0.0,
+    end_s: float | None = None,
+    progress: bool = False,
 ) -> Generator[TimedFrame]:
-    """The frames of `read_timed_frames`; another thread reads up to `QUEUE_SIZE` in advance.
+    """The frames of `read_timed_frames`; another thread reads up to `QUEUE_SIZE` in
+    advance.
 
     With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
     """
-    expected = round((min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps)
+    expected = round(
+        (min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps
+    )
     items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
     with (
         closing(items),
@@ -398,15 +546,22 @@ def read_frames(
 def _read_log(
     path: str | Path, start_s: float, end_s: float | None, topic: str | None
 ) -> Iterator[tuple[int, float, np.ndarray]]:
-    log, until_s = index_log(path, topic), math.inf if end_s is None else end_s
-    first, end = np.searchsorted(log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]).tolist()
+    log = index_log(path, topic)
+    until_s = math.inf if end_s is None else end_s
+    first, end = np.searchsorted(
+        log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]
+    ).tolist()
     for index, image in read_log(path, log, first, end):
         yield log.numbers[index].item(), log.times_s[index].item(), image
 
 
-def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Iterator[tuple[int, float, np.ndarray]]:
-    index, number = index_video(path, whole=False), None
-    converter = VideoReformatter()  # shared: its setup takes half as long as one conversion
+def _read_frames(
+    path: str | Path, start_s: float, end_s: float | None
+) -> Iterator[tuple[int, float, np.ndarray]]:
+    index = index_video(path, whole=False)
+    number = None
+    # shared: its setup takes half as long as one conversion
+    converter = VideoReformatter()
     with closing(_frames_from(path, index, start_s)) as frames:
         for frame, time_s, stream in frames:
             if time_s < start_s - STAMP_TOLERANCE_S:
@@ -417,7 +572,8 @@ def _read_frames(path: str | Path, start_s: float, end_s: float | None) -> Itera
             if number is not None:
                 number = max(number + 1, place if index.constant_rate else 0)
             else:
-                number, size = place, square_size(frame, stream)
+                number = place
+                size = square_size(frame, stream)
                 if not index.constant_rate and start_s > 0 and frame.pts is not None:
                     number = int(np.searchsorted(index_video(path).stamps, frame.pts))
             yield number, float(time_s), _upright_rgb(frame, size, converter, path)
@@ -428,8 +584,8 @@ def _frames_from(
 ) -> Generator[tuple[av.VideoFrame, Fraction, av.VideoStream]]:
     """Frames with their times and their stream, from a key frame before `start_s` on.
 
-    Where a seek is not possible, or ends behind `start_s`, as in transport streams with few key frames, they are from
-    the first one on.
+    Where a seek is not possible, or ends behind `start_s`, as in transport streams with
+    few key frames, they are from the first one on.
     """
     for seek in (True, False) if start_s > 1 else (False,):
         with open_video(path) as container:
@@ -439,38 +595,49 @@ def _frames_from(
                 try:
                     # one second early, because some containers seek coarsely
                     at_s = start_s - 1 + index.start_s
-                    container.seek(int(at_s / (stream.time_base or Fraction(1))), stream=stream)
+                    container.seek(
+                        int(at_s / (stream.time_base or Fraction(1))), stream=stream
+                    )
                 except av.FFmpegError:  # a raw stream
                     continue
             frames = _timed(decode_frames(container, stream), index, path)
             first = next(frames, None)
             if first is None or (seek and first[1] > start_s - STAMP_TOLERANCE_S):
                 continue
-            yield from ((frame, time_s, stream) for frame, time_s in chain([first], frames))
+            yield from (
+                (frame, time_s, stream) for frame, time_s in chain([first], frames)
+            )
             return
 
 
 def _timed(
     frames: Iterator[av.VideoFrame], index: VideoIndex, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames with their times in seconds since the first one, monotonic; VideoError if the size changes."""
+    """Frames with their times in seconds since the first one, monotonic; VideoError if
+    the size changes.
+    """
     size: tuple[int, int] | None = None
     last_s: Fraction | None = None
     zero_s = index.start_s
-    ahead: deque[av.VideoFrame] = deque()  # looked at where the time stamps leave their order
+    # looked at where the time stamps leave their order
+    ahead: deque[av.VideoFrame] = deque()
     while frame := ahead.popleft() if ahead else next(frames, None):
         size = size or (frame.width, frame.height)
         if (frame.width, frame.height) != size:
             raise VideoError(
-                f"{path}: changes from {size[0]}x{size[1]} to {frame.width}x{frame.height} pixels at "
+                f"{path}: changes from {size[0]}x{size[1]} to "
+                f"{frame.width}x{frame.height} pixels at "
                 f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
             )
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0) if last_s is None else last_s + 1 / index.rate
         time_s = _stamp_s(frame, zero_s, after_s)
         if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
-            ahead.extend(islice(frames, 4 - len(ahead)))  # up to four frames in a row are outliers
-            time_s = _without_outlier(last_s, time_s, [_stamp_s(f, zero_s, after_s) for f in ahead])
+            # up to four frames in a row are outliers
+            ahead.extend(islice(frames, 4 - len(ahead)))
+            time_s = _without_outlier(
+                last_s, time_s, [_stamp_s(f, zero_s, after_s) for f in ahead]
+            )
             if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
                 zero_s -= after_s - time_s
                 time_s = after_s
@@ -480,11 +647,19 @@ def _timed(
 
 def _stamp_s(frame: av.VideoFrame, zero_s: Fraction, otherwise_s: Fraction) -> Fraction:
     """Seconds from `zero_s` to the time stamp of a frame; `otherwise_s` without one."""
-    return otherwise_s if frame.pts is None or frame.time_base is None else frame.pts * frame.time_base - zero_s
+    return (
+        otherwise_s
+        if frame.pts is None or frame.time_base is None
+        else frame.pts * frame.time_base - zero_s
+    )
 
 
-def _without_outlier(last_s: Fraction, time_s: Fraction, later: Sequence[Fraction]) -> Fraction:
-    """A time stamp after `last_s`, or one between it and a later stamp that follows it, if the first does not."""
+def _without_outlier(
+    last_s: Fraction, time_s: Fraction, later: Sequence[Fraction]
+) -> Fraction:
+    """A time stamp after `last_s`, or one between it and a later stamp that follows it,
+    if the first does not.
+    """
     for steps, later_s in enumerate(later, 2):
         follows = last_s < later_s <= last_s + CLOCK_SET_S
         if follows and not last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S:
@@ -493,14 +668,18 @@ def _without_outlier(last_s: Fraction, time_s: Fraction, later: Sequence[Fractio
 
 
 def _upright_rgb(
-    frame: av.VideoFrame, size: tuple[int, int], converter: VideoReformatter, path: str | Path
+    frame: av.VideoFrame,
+    size: tuple[int, int],
+    converter: VideoReformatter,
+    path: str | Path,
 ) -> np.ndarray:
     """The RGB image of a frame of `size` (width, height) before rotation."""
     try:
         image = converter.reformat(frame, *size, format="rgb24", threads=1).to_ndarray()
     except av.FFmpegError as error:
         raise VideoError(
-            f"{path}: its colours cannot be converted to RGB (matrix {frame.colorspace} of Recommendation H.273, "
+            f"{path}: its colours cannot be converted to RGB (matrix "
+            f"{frame.colorspace} of Recommendation H.273, "
             f"{frame.format.name}); export it with the colours of BT.709."
         ) from error
     return make_upright(image, frame_orientation(frame))
@@ -509,5 +688,12 @@ def _upright_rgb(
 def describe_jumps(time_s: np.ndarray, fps: float) -> str:
     """What jumps in the times (N,) of frames mean, in words; empty without any."""
     jumps = np.flatnonzero(np.diff(time_s) * fps > JUMP_FRAMES)
-    where = ", ".join(f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s" for k in jumps[:5])
-    return f"its clock jumps {where}: another recording begins there, and the tracker starts again" if where else ""
+    where = ", ".join(
+        f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s"
+        for k in jumps[:5]
+    )
+    return (
+        f"its clock jumps {where}: another recording begins there, and the tracker starts again"
+        if where
+        else ""
+    )

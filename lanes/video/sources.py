@@ -1,8 +1,9 @@
-"""Files named on the command line, sorted into videos and stills, and images sampled from them."""
+"""Files named on the command line, sorted into videos and stills, and images sampled
+from them.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob
@@ -13,10 +14,21 @@ from pathlib import Path
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.files import MESSAGES_SUFFIX, NO_PERMISSION, list_files, require_no_input_among
+from lanes.files import (
+    MESSAGES_SUFFIX,
+    NO_PERMISSION,
+    list_files,
+    require_no_input_among,
+)
 from lanes.ros.log_files import is_bag_folder, is_robot_log
 from lanes.video.images import kind_of_file, natural_key, read_image, read_orientation
-from lanes.video.reader import STAMP_TOLERANCE_S, TimedFrame, VideoInfo, inspect_video, read_timed_frames
+from lanes.video.reader import (
+    STAMP_TOLERANCE_S,
+    TimedFrame,
+    VideoInfo,
+    inspect_video,
+    read_timed_frames,
+)
 
 
 @dataclass(frozen=True)
@@ -39,46 +51,83 @@ class Sources:
 def find_sources(names: Iterable[str]) -> Sources:
     """The videos and stills that `names` stand for.
 
-    Names are files, folders (the videos and stills in the folder itself, not in its subfolders), or patterns such as
-    ``drives/*.mp4``. The folder of a ROS 2 recording is one video. Images and videos are distinguished by their names
-    (`kind_of_file`). A file named directly that is not an image is read as a video. Raises FileNotFoundError for a
-    name that stands for no file.
+    Names are files, folders (the videos and stills in the folder itself, not in its
+    subfolders), or patterns such as ``drives/*.mp4``. The folder of a ROS 2 recording
+    is one video. Images and videos are distinguished by their names (`kind_of_file`). A
+    file named directly that is not an image is read as a video. Raises
+    FileNotFoundError for a name that stands for no file.
     """
-    files: dict[Path, str] = {}
-    skipped: list[Path] = []
     names = list(names)
     if not names:
-        raise FileNotFoundError("no file is named; give an image, a video, a folder or a pattern such as drives/*.mp4.")
+        raise FileNotFoundError(
+            "no file is named; give an image, a video, a folder or a pattern such as "
+            "drives/*.mp4."
+        )
+
+    files: dict[Path, str] = {}
+    skipped: list[Path] = []
     for name in names:
-        in_folder = bool(name) and Path(name).is_dir() and not is_bag_folder(name)
-        found = {path: path.name.endswith(MESSAGES_SUFFIX) for path in _files(name)}
-        kinds = {p: None if own else kind_of_file(p) or (None if in_folder else "video") for p, own in found.items()}
-        skipped += [path for path, kind in kinds.items() if kind is None]
+        in_folder = _is_folder_of_files(name)
+        kinds = {path: _kind(path, in_folder) for path in _files(name)}
         if in_folder and not any(kinds.values()):
-            raise FileNotFoundError(f"{name}: holds neither a video nor an image; name another folder.")
-        files |= {path: kind for path, kind in kinds.items() if kind}
+            raise FileNotFoundError(
+                f"{name}: holds neither a video nor an image; name another folder."
+            )
+        for path, kind in kinds.items():
+            if kind is None:
+                skipped.append(path)
+            else:
+                files[path] = kind
     if skipped and not files:
-        raise FileNotFoundError(f"{skipped[0]}: was written by annotate; give the log that it was made from.")
-    videos, stills = (tuple(p for p, kind in files.items() if kind == wanted) for wanted in ("video", "image"))
-    return Sources(videos, stills, tuple(skipped))
+        raise FileNotFoundError(
+            f"{skipped[0]}: was written by annotate; give the log that it was made "
+            "from."
+        )
+
+    videos = [path for path, kind in files.items() if kind == "video"]
+    stills = [path for path, kind in files.items() if kind == "image"]
+    return Sources(tuple(videos), tuple(stills), tuple(skipped))
+
+
+def _is_folder_of_files(name: str) -> bool:
+    """Whether a name stands for a folder that is no recording; "" stands for none."""
+    return bool(name) and Path(name).is_dir() and not is_bag_folder(name)
+
+
+def _kind(path: Path, in_folder: bool) -> str | None:
+    """The kind of a source; None for a file that is skipped."""
+    if path.name.endswith(MESSAGES_SUFFIX):
+        return None
+    kind = kind_of_file(path)
+    if kind is None and not in_folder:
+        return "video"
+    return kind
 
 
 def require_topic(files: Iterable[Path], topic: str | None) -> None:
     """Raise VideoError if a topic is given, but none of the files is a robot log."""
     files = list(files)
-    if topic is not None and files and not any(map(is_robot_log, files)):
-        raise VideoError(f"{files[0]}: is no robot log and has no topics, so none is named {topic!r}; omit the topic.")
+    if topic is None or not files:
+        return
+    if not any(map(is_robot_log, files)):
+        raise VideoError(
+            f"{files[0]}: is no robot log and has no topics, so none is named "
+            f"{topic!r}; omit the topic."
+        )
 
 
 def require_distinct_outputs(inputs: Sequence[Path], outputs: Sequence[Path]) -> None:
-    """Raise ValueError if an output would overwrite one of the inputs, or the output of another input."""
+    """Raise ValueError if an output would overwrite one of the inputs, or the output of
+    another input.
+    """
     require_no_input_among(outputs, inputs)
     source_of: dict[Path, Path] = {}
     for source, output in zip(inputs, outputs, strict=True):
         other = source_of.setdefault(output.resolve(), source)
         if other != source:
             raise ValueError(
-                f"{output}: would be written from {other} and from {source}; annotate them into different folders."
+                f"{output}: would be written from {other} and from {source}; annotate "
+                "them into different folders."
             )
 
 
@@ -88,22 +137,34 @@ def _files(name: str) -> list[Path]:
         path.exists()
     except PermissionError as error:
         raise ValueError(NO_PERMISSION.format(name)) from error
-    if name and path.is_dir() and not is_bag_folder(path):
+
+    if _is_folder_of_files(name):
         found = list_files(path)
     elif name and path.exists():
         return [path]
     else:
-        found = [Path(match) for match in glob(name, recursive=True) if Path(match).is_file() or is_bag_folder(match)]
+        matches = map(Path, glob(name, recursive=True))
+        found = [path for path in matches if path.is_file() or is_bag_folder(path)]
         if not found:
-            raise FileNotFoundError(f"{name}: there is no such file or folder; check the name.")
-    return sorted(found, key=lambda p: (str(p.parent), natural_key(p)))
+            raise FileNotFoundError(
+                f"{name}: there is no such file or folder; check the name."
+            )
+    return sorted(found, key=_order)
+
+
+def _order(path: Path) -> tuple[str, list]:
+    return str(path.parent), natural_key(path)
 
 
 def read_turn(file: Path) -> int:
-    """The EXIF orientation of a still, or that which the display matrix of a video stands for."""
+    """The EXIF orientation of a still, or that which the display matrix of a video
+    stands for.
+    """
     if kind_of_file(file) == "image":
         return read_orientation(file)
-    return 1 if is_robot_log(file) else inspect_video(file).orientation
+    if is_robot_log(file):
+        return 1
+    return inspect_video(file).orientation
 
 
 def sample_images(
@@ -116,40 +177,72 @@ def sample_images(
     infos: Mapping[Path, VideoInfo] | None = None,
     topic: str | None = None,
 ) -> Iterator[np.ndarray]:
-    """Yield up to `max_images` RGB images (height, width, 3), uint8, evenly spaced over stills and videos.
+    """Yield up to `max_images` RGB images (height, width, 3), uint8, evenly spaced over
+    stills and videos.
 
-    `require(image, file)` raises if an image cannot be used, as `Camera.require_size` does. `start_s` and `end_s` are
-    the part of each video to sample, seconds since the first frame. Videos in `infos` are not inspected again.
-    `topic` is as for `inspect_video`. Raises LaneError if a file cannot be read or a video ends before `start_s`.
+    `require(image, file)` raises if an image cannot be used, as `Camera.require_size`
+    does. `start_s` and `end_s` are the part of each video to sample, seconds since the
+    first frame. Videos in `infos` are not inspected again. `topic` is as for
+    `inspect_video`. Raises LaneError if a file cannot be read or a video ends before
+    `start_s`.
     """
+    # Each still, and up to `max_images` times of each video.
     candidates: list[tuple[Path, float | None]] = []
     for file in files:
         if kind_of_file(file) == "image":
             candidates.append((file, None))
-        else:
-            info = (infos or {}).get(file) or inspect_video(file, topic=topic)
-            candidates += [(file, time_s) for time_s in _times_s(file, info, max_images, start_s, end_s)]
+            continue
+        info = (infos or {}).get(file)
+        if info is None:
+            info = inspect_video(file, topic=topic)
+        times_s = _times_s(file, info, max_images, start_s, end_s)
+        candidates += [(file, time_s) for time_s in times_s]
+
+    # Evenly spaced ones of them.
     count = min(max_images, len(candidates))
-    chosen = np.unique(np.linspace(0, len(candidates) - 1, count).round().astype(int))
-    for file, group in groupby((candidates[index] for index in chosen), key=itemgetter(0)):
-        times_s = [time_s for _, time_s in group]
-        for image in [read_image(file)] if times_s[0] is None else _frames_at(file, times_s, end_s, topic):
+    places = np.linspace(0, len(candidates) - 1, count).round()
+    indices = np.unique(places.astype(int))
+    chosen = [candidates[index] for index in indices]
+
+    for file, group in groupby(chosen, key=itemgetter(0)):
+        wanted_s = [time_s for _, time_s in group]
+        images: Iterable[np.ndarray]
+        if wanted_s[0] is None:
+            images = [read_image(file)]
+        else:
+            images = _frames_at(file, wanted_s, end_s, topic)
+        for image in images:
             if require:
                 require(image, file)
             yield image
 
 
-def _times_s(video: Path, info: VideoInfo, max_times: int, start_s: float, end_s: float | None) -> np.ndarray:
-    """Up to `max_times` times, evenly spaced over a part of a video, at most one per frame."""
-    length_s = min(info.duration_s, math.inf if end_s is None else end_s) - start_s
+def _times_s(
+    video: Path, info: VideoInfo, max_times: int, start_s: float, end_s: float | None
+) -> np.ndarray:
+    """Up to `max_times` times, evenly spaced over a part of a video, at most one per
+    frame.
+    """
+    until_s = info.duration_s
+    if end_s is not None:
+        until_s = min(until_s, end_s)
+    length_s = until_s - start_s
     if length_s <= 0:
-        raise VideoError(f"{video}: lasts {info.duration_s:g} s; begin before that, not at {start_s:g} s.")
-    count = min(max_times, max(round(length_s * info.fps), 1))
+        raise VideoError(
+            f"{video}: lasts {info.duration_s:g} s; begin before that, not at "
+            f"{start_s:g} s."
+        )
+
+    frames = max(round(length_s * info.fps), 1)
+    count = min(max_times, frames)
     return start_s + length_s * np.arange(count) / count
 
 
-def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: str | None) -> Iterator[np.ndarray]:
-    """The frames shown at increasing times before `end_s`; seeks if the next time is more than two seconds ahead.
+def _frames_at(
+    video: Path, times_s: list[float], end_s: float | None, topic: str | None
+) -> Iterator[np.ndarray]:
+    """The frames shown at increasing times before `end_s`; seeks if the next time is
+    more than two seconds ahead.
 
     Reading so much of a video takes about as long as reopening it at another time.
     """
@@ -158,8 +251,9 @@ def _frames_at(video: Path, times_s: list[float], end_s: float | None, topic: st
     for time_s in times_s:
         if time_s > now_s + 2.0:
             frames = read_timed_frames(video, start_s=time_s, end_s=end_s, topic=topic)
+        earliest_s = time_s - STAMP_TOLERANCE_S
         try:
-            frame = next((f for f in frames if f.time_s >= time_s - STAMP_TOLERANCE_S), None)
+            frame = next((f for f in frames if f.time_s >= earliest_s), None)
         except VideoError:  # no frame from here to `end_s`
             if now_s < 0:
                 raise

@@ -1,8 +1,9 @@
-"""Videos that browsers play, with sound, written through PyAV (FFmpeg inside this process), and made of other videos.
+"""Videos that browsers play, with sound, written through PyAV (FFmpeg inside this
+process), and made of other videos.
 
-`process_video` goes from file to file: every frame is read, passed to a function and written, once, in order and at its
-own time. Decoding and encoding release Python's global lock: three frames are read, processed and written at the same
-time.
+`process_video` goes from file to file: every frame is read, passed to a function and
+written, once, in order and at its own time. Decoding and encoding release Python's
+global lock: three frames are read, processed and written at the same time.
 """
 
 from __future__ import annotations
@@ -29,11 +30,12 @@ from av.container import InputContainer, OutputContainer
 from lanes.errors import PictureError, VideoError, require_number
 from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
 from lanes.recording import CLOCK_RESET_S, MAX_FPS, MIN_FPS
-from lanes.video.images import require_rgb
+from lanes.video.images import is_rgb, require_rgb
 from lanes.video.reader import (
     CLOCK_SET_S,
     QUEUE_SIZE,
     STAMP_TOLERANCE_S,
+    TimedFrame,
     VideoInfo,
     count_lost,
     decode_packet,
@@ -46,48 +48,65 @@ from lanes.video.reader import (
 
 Row = Mapping[str, object]
 
-# Audio codecs that mp4 allows at every sampling rate and browsers play; any other becomes AAC of this sampling rate.
-_COPIED_CODECS, _SOUND_RATE_HZ = {"aac", "opus", "flac"}, 48_000
-# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg assumes for videos without tags;
-# players disagree on these.
+# Audio codecs that mp4 allows at every sampling rate and browsers play; any other
+# becomes AAC of this sampling rate.
+_COPIED_CODECS = {"aac", "opus", "flac"}
+_SOUND_RATE_HZ = 48_000
+# Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg
+# assumes for videos without tags; players disagree on these.
 _COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, `_COLOUR_TAGS`.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start,
+    `_COLOUR_TAGS`.
 
-    Use it in a `with` block. The file is renamed to `path` at the end of the block, after its frames were counted. If
-    the block raises, the unfinished file is removed and an earlier file of that name is not changed. `frames` counts
-    the frames converted so far; after the block `written` has the properties of the finished file.
+    Use it in a `with` block. The file is renamed to `path` at the end of the block,
+    after its frames were counted. If the block raises, the unfinished file is removed
+    and an earlier file of that name is not changed. `frames` counts the frames
+    converted so far; after the block `written` has the properties of the finished file.
 
     Parameters
     ----------
     path : str or Path
         Ends in .mp4; the folder is created where needed.
     fps : float
-        Rounded to the nearest fraction with a denominator up to 1001: television rates such as 30000 / 1001 are exact.
+        Rounded to the nearest fraction with a denominator up to 1001: television rates
+        such as 30000 / 1001 are exact.
     sound_from : str or Path, optional
-        A video whose sound is copied or encoded again, from the time of the first written frame to that of the last.
-        Sound that cannot be decoded is left out.
+        A video whose sound is copied or encoded again, from the time of the first
+        written frame to that of the last. Sound that cannot be decoded is left out.
 
     Raises
     ------
     LaneError, OSError
-        If `path` is no .mp4, no frame was written, frames differ in size or are not RGB, or the file cannot be written.
+        If `path` is no .mp4, no frame was written, frames differ in size or are not
+        RGB, or the file cannot be written.
     """
 
-    def __init__(self, path: str | Path, *, fps: float, sound_from: str | Path | None = None) -> None:
+    def __init__(
+        self, path: str | Path, *, fps: float, sound_from: str | Path | None = None
+    ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
-            raise VideoError(f"{path}: cannot write this kind of video; end the name in .mp4.")
+            raise VideoError(
+                f"{path}: cannot write this kind of video; end the name in .mp4."
+            )
         self.frames = 0
-        self._rate = Fraction(require_number(fps, "fps", positive=True)).limit_denominator(1001)
+
+        rate = Fraction(require_number(fps, "fps", positive=True))
+        self._rate = rate.limit_denominator(1001)
         if not MIN_FPS <= self._rate <= MAX_FPS:
-            raise VideoError(f"{path}: {fps} frames a second cannot be written; give {float(MIN_FPS):g} to {MAX_FPS}.")
-        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a constant rate.
+            raise VideoError(
+                f"{path}: {fps} frames a second cannot be written; give "
+                f"{float(MIN_FPS):g} to {MAX_FPS}."
+            )
+        # Time base below 0.1 ms with a whole number of ticks per frame: exact for a
+        # constant rate.
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
+
         self._sound_from = sound_from
         self._resources = ExitStack()
         self._sound: _SoundTrack | None = None
@@ -97,7 +116,8 @@ class VideoWriter:
         self._last_pts = -1
 
     def __enter__(self) -> VideoWriter:
-        # Created at once, so that an unwritable folder is reported before minutes of work.
+        # Created at once, so that an unwritable folder is reported before minutes of
+        # work.
         self._partial = self._resources.enter_context(atomic_write(self.path))
         return self
 
@@ -111,33 +131,52 @@ class VideoWriter:
     def write(self, image: np.ndarray, time_s: float | None = None) -> None:
         """Append an RGB image (height, width, 3), uint8.
 
-        All images have one size. H.264 needs an even width and height: an odd one is padded by repeating the last
-        column or row, so that no pixel is lost or moved. `time_s` is the presentation time on the clock of
-        `sound_from`; the file begins at the first written frame. Without it frames follow at the frame rate.
+        All images have one size. H.264 needs an even width and height: an odd one is
+        padded by repeating the last column or row, so that no pixel is lost or moved.
+        `time_s` is the presentation time on the clock of `sound_from`; the file begins
+        at the first written frame. Without it frames follow at the frame rate.
         """
         self.encode(self.convert(image, time_s))
 
     def convert(self, image: np.ndarray, time_s: float | None = None) -> av.VideoFrame:
-        """First half of `write`: the frame in YUV with its time stamp. `image` may be overwritten afterwards."""
+        """First half of `write`: the frame in YUV with its time stamp.
+
+        `image` may be overwritten afterwards.
+        """
         image = require_rgb(image, f"frame {self.frames} of {self.path}")
+        if time_s is None:
+            time_s = self.frames / float(self._rate)
+        else:
+            time_s = require_number(time_s, "time_s")
+
         height, width = image.shape[:2]
-        time_s = self.frames / float(self._rate) if time_s is None else require_number(time_s, "time_s")
+        size = width, height
         if self._size is None:
-            self._size, self._zero_s = (width, height), time_s
-        if (width, height) != self._size:
-            words = f"is {width}x{height} pixels, the first one was {self._size[0]}x{self._size[1]}"
-            raise VideoError(f"{self.path}: frame {self.frames} {words}; all frames of a video must have one size.")
+            self._size = size
+            self._zero_s = time_s
+        if size != self._size:
+            first_width, first_height = self._size
+            raise VideoError(
+                f"{self.path}: frame {self.frames} is {width}x{height} pixels, the "
+                f"first one was {first_width}x{first_height}; all frames of a video "
+                "must have one size."
+            )
+
         if height % 2 or width % 2:
-            image = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)), "edge")
+            padding = (0, height % 2), (0, width % 2), (0, 0)
+            image = np.pad(image, padding, "edge")
         planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-        frame = av.VideoFrame.from_ndarray(np.asarray(planes, np.uint8), format="yuv420p")
+        planes = np.asarray(planes, np.uint8)
+        frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
         _tag(frame)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
 
     def encode(self, frame: av.VideoFrame) -> None:
-        """Second half of `write`: encode the converted frames in order; may run in another thread."""
+        """Second half of `write`: encode the converted frames in order; may run in
+        another thread.
+        """
         with self._ffmpeg_errors():
             container = self._container or self._open_container(frame)
             container.mux(self._stream.encode(frame))
@@ -149,6 +188,7 @@ class VideoWriter:
         container, self._stream = open_mp4(self._partial, size, self._rate, self._tick)
         self._container = container
         self._resources.callback(_close_quietly, container)
+
         if self._sound_from is not None:
             source = self._resources.enter_context(open_video(self._sound_from))
             self._sound = _SoundTrack(source, container, start_s=self._zero_s)
@@ -156,25 +196,37 @@ class VideoWriter:
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
         nearest = round(time_s * self._rate)
-        constant_rate = abs(time_s - float(nearest / self._rate)) < STAMP_TOLERANCE_S
-        pts = nearest * self._ticks_per_frame if constant_rate else round(time_s / float(self._tick))
+        nearest_s = float(nearest / self._rate)
+        if abs(time_s - nearest_s) < STAMP_TOLERANCE_S:
+            pts = nearest * self._ticks_per_frame
+        else:
+            pts = round(time_s / float(self._tick))
+
         # Some recorders write two frames with one time stamp, which mp4 does not allow.
-        self._last_pts = frame.pts = max(pts, self._last_pts + 1)
+        self._last_pts = max(pts, self._last_pts + 1)
+        frame.pts = self._last_pts
         frame.time_base = self._tick
         frame.duration = self._ticks_per_frame
 
     def _finish(self) -> None:
         if self._container is None:
-            raise VideoError(f"{self.path}: no frame was written; a video needs at least one.")
+            raise VideoError(
+                f"{self.path}: no frame was written; a video needs at least one."
+            )
+
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                self._sound.finish((self._last_pts + self._ticks_per_frame) * float(self._tick))
+                end_pts = self._last_pts + self._ticks_per_frame
+                self._sound.finish(end_pts * float(self._tick))
             self._container.close()
+
         self.written = inspect_video(self._partial)
         if self.written.frames != self.frames:
-            found = f"only {self.written.frames} of {self.frames} frames are in the output file"
-            raise VideoError(f"{self.path}: {found}; try again.")
+            raise VideoError(
+                f"{self.path}: only {self.written.frames} of {self.frames} frames are "
+                "in the output file; try again."
+            )
 
     @contextmanager
     def _ffmpeg_errors(self) -> Iterator[None]:
@@ -182,27 +234,41 @@ class VideoWriter:
             yield
         except av.FFmpegError as error:
             raise OSError(
-                f"{self.path}: cannot be written ({error.strerror}); choose another folder or free some space."
+                f"{self.path}: cannot be written ({error.strerror}); choose another "
+                "folder or free some space."
             ) from error
 
 
 class _SoundTrack:
-    """The first sound track of `source` that can be decoded, written to `target` interleaved with the frames."""
+    """The first sound track of `source` that can be decoded, written to `target`
+    interleaved with the frames.
+    """
 
-    def __init__(self, source: InputContainer, target: OutputContainer, *, start_s: float) -> None:
-        self._source, self._target, self._start_s = source, target, start_s
-        # A track in a codec that FFmpeg does not know has no codec context.
-        track = next((track for track in source.streams.audio if track.codec_context), None)
+    def __init__(
+        self, source: InputContainer, target: OutputContainer, *, start_s: float
+    ) -> None:
+        self._source = source
+        self._target = target
+        self._start_s = start_s
         self._encoder: av.AudioStream | None = None
-        if track and track.codec_context.name not in _COPIED_CODECS:
-            self._encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
-        self._pieces = self._from_start(track) if track else iter(())
+        self._pieces: Iterator[tuple[float, Any]] = iter(())
+
+        # A track in a codec that FFmpeg does not know has no codec context.
+        tracks = (track for track in source.streams.audio if track.codec_context)
+        track = next(tracks, None)
+        if track:
+            if track.codec_context.name not in _COPIED_CODECS:
+                self._encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
+            self._pieces = self._from_start(track)
         self._next = next(self._pieces, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
-        while self._next is not None and self._next[0] < time_s:
-            self._write(self._next[1])
+        while self._next is not None:
+            piece_s, piece = self._next
+            if piece_s >= time_s:
+                break
+            self._write(piece)
             self._next = next(self._pieces, None)
 
     def finish(self, time_s: float) -> None:
@@ -211,35 +277,48 @@ class _SoundTrack:
         self._write(None)
 
     def _write(self, piece: Any) -> None:
-        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other channels; the video goes on.
+        # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other
+        # channels; the video goes on.
         with suppress(ValueError):
-            self._target.mux(self._encoder.encode(piece) if self._encoder else piece or [])
+            if self._encoder:
+                self._target.mux(self._encoder.encode(piece))
+            elif piece:
+                self._target.mux(piece)
 
     def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
-        """Packets for the output or frames for the encoder, from `start_s` on, with their times since then."""
+        """Packets for the output or frames for the encoder, from `start_s` on, with
+        their times since then.
+        """
         index = index_video(self._source.name.removeprefix("file:"), whole=False)
         zero_s = self._start_s + float(index.start_s)
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))
+
         pieces: Iterator[Any] = read_packets(self._source, sound)
         if self._encoder:
             pieces = chain.from_iterable(map(decode_packet, pieces))
-        output = self._encoder or self._target.add_stream_from_template(sound)
+        else:
+            output = self._target.add_stream_from_template(sound)
+
         last_s = -math.inf
         for piece in pieces:
             if piece.pts is None:
                 continue
             time_s = float(piece.pts * piece.time_base) - zero_s
-            if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S and last_s > -math.inf:
+            continues = last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S
+            if last_s > -math.inf and not continues:
                 zero_s -= last_s - time_s
                 time_s = last_s
             last_s = time_s
+
             if self._encoder:
-                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of these would have one time.
+                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two
+                # of these would have one time.
                 piece.time_base = Fraction(1, piece.sample_rate)
             else:
                 piece.stream = output
-            piece.pts = piece.dts = round(time_s / piece.time_base)
+            piece.pts = round(time_s / piece.time_base)
+            piece.dts = piece.pts
             if piece.pts >= 0:
                 yield time_s, piece
 
@@ -247,16 +326,22 @@ class _SoundTrack:
 def open_mp4(
     path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction
 ) -> tuple[OutputContainer, av.VideoStream]:
-    """An mp4 container open for writing and its H.264 stream for frames of `size` (width, height)."""
-    container = av.open(str(path), "w", format="mp4", options={"movflags": "+faststart"})
-    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at 1280x720); its default quality
-    stream = container.add_stream("libx264", rate=rate, options={"preset": "veryfast", "crf": "23"})
+    """An mp4 container open for writing and its H.264 stream for frames of `size`
+    (width, height).
+    """
+    index_first = {"movflags": "+faststart"}
+    container = av.open(str(path), "w", format="mp4", options=index_first)
+
+    # veryfast: 1.6 times as fast as x264's default, at about the same size (measured at
+    # 1280x720); its default quality
+    settings = {"preset": "veryfast", "crf": "23"}
+    stream = container.add_stream("libx264", rate=rate, options=settings)
     codec = stream.codec_context
     codec.width, codec.height = size
     codec.pix_fmt = "yuv420p"
     codec.time_base = tick
-    # The bytes of x264 depend on its number of threads: a fixed number gives the same file on every machine. Four are
-    # as fast as any other number on two cores.
+    # The bytes of x264 depend on its number of threads: a fixed number gives the same
+    # file on every machine. Four are as fast as any other number on two cores.
     codec.thread_count = 4
     _tag(codec)
     return container, stream
@@ -286,97 +371,138 @@ def process_video(
     telemetry: str | Path | TelemetryWriter | None = None,
     info: VideoInfo | None = None,
 ) -> VideoInfo:
-    """Apply a function to every frame of a video, and write an mp4 that browsers play, with the source's sound.
+    """Apply a function to every frame of a video, and write an mp4 that browsers play,
+    with the source's sound.
 
     Parameters
     ----------
     source, target : str or Path
-        `target` ends in .mp4 and is written atomically: after an exception or Ctrl-C an earlier file of that name is
-        unchanged, and no other file remains. It has the frame rate and time stamps of `source`.
+        `target` ends in .mp4 and is written atomically: after an exception or Ctrl-C an
+        earlier file of that name is unchanged, and no other file remains. It has the
+        frame rate and time stamps of `source`.
     function : callable
-        Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an RGB image, or a pair of that
-        and a mapping with the frame's telemetry. It is called once per frame, in order, in the caller's thread. All
-        returned images must have the same size. If it has a parameter `elapsed_s`, it gets the seconds since the
-        previous frame, None for the first; they vary in videos of variable rate.
+        Takes an RGB image (height, width, 3), uint8, which it may overwrite. Returns an
+        RGB image, or a pair of that and a mapping with the frame's telemetry. It is
+        called once per frame, in order, in the caller's thread. All returned images
+        must have the same size. If it has a parameter `elapsed_s`, it gets the seconds
+        since the previous frame, None for the first; they vary in videos of variable
+        rate.
     start_s, end_s : float
         As for `read_timed_frames`.
     progress : bool
         Show frames per second and the remaining time, in a terminal or a notebook only.
     telemetry : str, Path or TelemetryWriter, optional
-        CSV file with a row per frame: frame (counted from the start of `source`), time_s, the telemetry of `function`,
-        and, unless that contains it, latency_ms, the time that `function` took.
+        CSV file with a row per frame: frame (counted from the start of `source`),
+        time_s, the telemetry of `function`, and, unless that contains it, latency_ms,
+        the time that `function` took.
     info : VideoInfo, optional
         Result of `inspect_video(source)`, if known; otherwise the file is read twice.
 
     Returns
     -------
     VideoInfo
-        Properties of `target`, with its frames counted; every processed frame is in it. `missing` counts the frames of
-        `source` that are damaged or not there: they are skipped, and the others keep their times.
+        Properties of `target`, with its frames counted; every processed frame is in it.
+        `missing` counts the frames of `source` that are damaged or not there: they are
+        skipped, and the others keep their times.
 
     Raises
     ------
     FileNotFoundError, LaneError, OSError
-        If `source` cannot be used, `function` refuses a frame or returns no RGB image, or an output cannot be written.
+        If `source` cannot be used, `function` refuses a frame or returns no RGB image,
+        or an output cannot be written.
     """
     start_s = require_number(start_s, "start_s")
-    end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
+    if end_s is not None:
+        end_s = require_number(end_s, "end_s", finite=False)
     info = info or inspect_video(source)
     with translate_write_errors(Path(target)):
         same = Path(target).exists() and os.path.samefile(source, target)
     if same:
-        raise VideoError(f"{target}: is the source itself; write the output under another name.")
+        raise VideoError(
+            f"{target}: is the source itself; write the output under another name."
+        )
+
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
     writer = VideoWriter(target, fps=info.fps, sound_from=sound_from)
-    try:
-        takes_time = "elapsed_s" in inspect.signature(function).parameters
-    except ValueError:
-        takes_time = False  # functions written in C have no signature
+    takes_time = _takes_time(function)
+    frames = read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)
+    numbers: list[int] = []
     with (
         # This order renames the telemetry file only after the video.
         telemetry or nullcontext() as table,
         writer,
-        closing(read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)) as frames,
+        closing(frames),
         _write_behind(writer.encode) as encode,
     ):
-        numbers: list[int] = []
         for frame in frames:
-            options = {"elapsed_s": frame.elapsed_s} if takes_time else {}
-            image, row = _apply(function, frame.image, options, f"frame {frame.number} of {source}")
+            name = f"frame {frame.number} of {source}"
+            image, row = _apply(function, frame, takes_time, name)
             # Converted in this thread: `function` may return the same array every time.
-            encode(writer.convert(image, frame.time_s))
+            converted = writer.convert(image, frame.time_s)
+            encode(converted)
             if table:
-                table.write({"frame": frame.number, "time_s": round(frame.time_s, 6), **row})
+                time_s = round(frame.time_s, 6)
+                table.write({"frame": frame.number, "time_s": time_s, **row})
             numbers.append(frame.number)
-    return replace(writer.written, missing=count_lost(info, numbers, start_s, end_s))
+
+    missing = count_lost(info, numbers, start_s, end_s)
+    return replace(writer.written, missing=missing)
 
 
-def _apply(function: Callable, image: np.ndarray, options: Mapping, name: str) -> tuple[np.ndarray, Row]:
-    """The image that `function` returns, and its telemetry with the latency; errors begin with the frame's `name`."""
+def _takes_time(function: Callable) -> bool:
+    """Whether a function has the parameter `elapsed_s`."""
+    try:
+        return "elapsed_s" in inspect.signature(function).parameters
+    except ValueError:  # functions written in C have no signature
+        return False
+
+
+def _apply(
+    function: Callable, frame: TimedFrame, takes_time: bool, name: str
+) -> tuple[np.ndarray, Row]:
+    """The image that `function` returns, and its telemetry with the latency; errors
+    begin with the frame's `name`.
+    """
     began_s = time.perf_counter()
     try:
-        result = function(image, **options)
+        if takes_time:
+            result = function(frame.image, elapsed_s=frame.elapsed_s)
+        else:
+            result = function(frame.image)
     except PictureError as error:
-        # The message begins with "image", because `function` does not know the frame's number.
-        raise PictureError(f"{name}: {str(error).removeprefix('image: ')}") from error
+        # The message begins with "image", because `function` does not know the frame's
+        # number.
+        fault = str(error).removeprefix("image: ")
+        raise PictureError(f"{name}: {fault}") from error
     except Exception as error:
         error.add_note(f"(while processing {name})")
         raise
-    latency_ms = round((time.perf_counter() - began_s) * 1e3, 3)
-    made, row = result if isinstance(result, tuple) else (result, {})
-    if not isinstance(made, np.ndarray) or made.ndim != 3 or made.shape[2] != 3 or made.dtype != np.uint8:
-        got = f"{made.dtype} of shape {made.shape}" if isinstance(made, np.ndarray) else type(made).__name__
-        raise VideoError(f"{name}: the function returned {got}; it must return an RGB image (height, width, 3), uint8.")
-    return made, {**row, "latency_ms": row.get("latency_ms", latency_ms)}
+    latency_s = time.perf_counter() - began_s
+
+    row: Row = {}
+    if isinstance(result, tuple):
+        result, row = result
+    if not is_rgb(result):
+        got = type(result).__name__
+        if isinstance(result, np.ndarray):
+            got = f"{result.dtype} of shape {result.shape}"
+        raise VideoError(
+            f"{name}: the function returned {got}; it must return an RGB image "
+            "(height, width, 3), uint8."
+        )
+    latency_ms = row.get("latency_ms", round(latency_s * 1e3, 3))
+    return result, {**row, "latency_ms": latency_ms}
 
 
 @contextmanager
 def _write_behind(write: Callable) -> Iterator[Callable]:
-    """A function that queues an item for `write` in another thread; it blocks while `QUEUE_SIZE` items are waiting.
+    """A function that queues an item for `write` in another thread; it blocks while
+    `QUEUE_SIZE` items are waiting.
 
-    An exception of `write` is raised by a later call or at the end of the block. All items are written at its end.
+    An exception of `write` is raised by a later call or at the end of the block. All
+    items are written at its end.
     """
     waiting: deque[Future] = deque()
     with ThreadPoolExecutor(1) as thread:
@@ -384,7 +510,8 @@ def _write_behind(write: Callable) -> Iterator[Callable]:
         def put(item: object) -> None:
             waiting.append(thread.submit(write, item))
             if len(waiting) > QUEUE_SIZE:
-                waiting.popleft().result()
+                oldest = waiting.popleft()
+                oldest.result()
 
         yield put
         for written in waiting:
