@@ -72,7 +72,6 @@ book: $(BOOK)
 lint: $(INSTALLED)
 	@echo "== Lint"
 	@$(ENV)/ruff check . && $(ENV)/ruff format --check .
-	@$(ENV)/ruff format --check --line-length 88 project.ipynb
 	@echo "== Types (pyproject.toml; half a minute the first time, then seconds)"
 	@$(ENV)/mypy
 	@echo "== Import contracts (pyproject.toml)"

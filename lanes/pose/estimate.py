@@ -229,7 +229,7 @@ def _describe_angle(
     return f"{degrees:.2f} ± {np.degrees(std_rad):.2f} deg{direction}"
 
 
-def estimate_pose(
+def estimate_pose(  # noqa: PLR0913 (options, called by name)
     source: str | Path | np.ndarray | Iterable[str | Path | np.ndarray],
     camera: Camera | None = None,
     *,

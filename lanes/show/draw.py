@@ -105,7 +105,7 @@ class _Pen:
             )
 
 
-def draw_lane(
+def draw_lane(  # noqa: PLR0913 (options, called by name)
     image: np.ndarray | str | Path,
     lane: Lane | None,
     camera: Camera | None = None,

@@ -18,7 +18,7 @@ FPS = 25
 SOUND_HZ = 48000
 
 
-def encode(
+def encode(  # noqa: PLR0913 (options, called by name)
     path: Path,
     images: Iterable[np.ndarray | av.VideoFrame],
     codec: str = "libx264",

@@ -26,7 +26,7 @@ OPSET, IR_VERSION = 13, 8
 Output = tuple[np.ndarray, np.ndarray]
 
 
-def write_model(
+def write_model(  # noqa: PLR0913 (options, called by name)
     file: Path,
     outputs: Mapping[str, Output],
     entries: dict | str | None = LOGITS,
