@@ -1,4 +1,6 @@
-"""All systems behind one interface, with the same meaning for the same picture; a finder of one's own is one."""
+"""All systems behind one interface, with the same meaning for the same picture; a
+finder of one's own is one.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,14 @@ import pytest
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import AHEAD_M, ALONG_M, DriveEstimates, LaneEstimate
 from benchmark.evaluation import PROJECT_ROOT, score_systems
-from benchmark.systems import RECIPE_SYSTEMS, SYSTEMS, column_detector, recipe_estimate, source_files, start_system
+from benchmark.systems import (
+    RECIPE_SYSTEMS,
+    SYSTEMS,
+    column_detector,
+    recipe_estimate,
+    source_files,
+    start_system,
+)
 from helpers import RoadLine
 from lanes.camera.model import Camera, CameraPose
 from lanes.detect.road import CENTRE, HEADING
@@ -28,7 +37,9 @@ BLACK = np.zeros((360, 640, 3), np.uint8)
 ROWS = np.arange(240, 311, 10)
 
 
-def estimator(system: str, camera: Camera = SMALL) -> Callable[[np.ndarray], LaneEstimate]:
+def estimator(
+    system: str, camera: Camera = SMALL
+) -> Callable[[np.ndarray], LaneEstimate]:
     """A started system as a function from a frame to its estimate."""
     find, to_estimate = start_system(system, camera, 25.0)
     return lambda image: to_estimate(find(image))
@@ -36,9 +47,15 @@ def estimator(system: str, camera: Camera = SMALL) -> Callable[[np.ndarray], Lan
 
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_estimates_are_in_metres_on_the_road(system):
-    estimate, row = estimator(system), truth_row(DRIVE.truth(0.0), frame=0)
+    estimate = estimator(system)
+    row = truth_row(DRIVE.truth(0.0), frame=0)
     estimates = DriveEstimates.from_frames([estimate(DRIVE.frame(0.0))], [1.0])
-    errors = frame_errors(estimates, LaneTruth.from_columns({name: np.array([value]) for name, value in row.items()}))
+    errors = frame_errors(
+        estimates,
+        LaneTruth.from_columns(
+            {name: np.array([value]) for name, value in row.items()}
+        ),
+    )
     assert errors.lateral_m[0, AHEAD_M == 10] < 0.3
     states = system in ("tracker", "detector")
     for name in ("confidence", "width_m", "covariance", "lines_std_m"):
@@ -46,7 +63,8 @@ def test_estimates_are_in_metres_on_the_road(system):
     if states:
         lateral_m = [np.interp(AHEAD_M, *line.T) for line in estimates.lines_m[0]]
         np.testing.assert_allclose(estimates.lines_y_m[0], lateral_m, atol=0.001)
-    assert estimate(BLACK) is not None and (system == "tracker" or not estimator(system)(BLACK))
+    assert estimate(BLACK) is not None
+    assert system == "tracker" or not estimator(system)(BLACK)
 
 
 @pytest.mark.parametrize("system", RECIPE_SYSTEMS)
@@ -54,13 +72,20 @@ def test_stills_give_columns_of_the_raw_picture(system):
     columns = column_detector(system, SMALL)(DRIVE.frame(0.0), ROWS)
     x = np.geomspace(3, 60, 300)
     for side in (0, 1):
-        u, v = SMALL.road_to_pixels(np.column_stack([x, DRIVE.truth(0.0).line_y(side, x)])).T
+        u, v = SMALL.road_to_pixels(
+            np.column_stack([x, DRIVE.truth(0.0).line_y(side, x)])
+        ).T
         true = np.interp(ROWS, v[::-1], u[::-1])
         assert np.abs(columns[side] - true).max() < 8, system
     # a recipe sees a line up to the upper end of its view
-    assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([215])) == -2).all()
+    assert (
+        column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([215])) == -2
+    ).all()
     # no line below and above the picture, and none in a black picture
-    assert (column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200])) == -2).all()
+    assert (
+        column_detector(system, SMALL)(DRIVE.frame(0.0), np.array([20, 359 + 200]))
+        == -2
+    ).all()
     assert (column_detector(system, SMALL)(BLACK, ROWS) == -2).all()
 
 
@@ -75,12 +100,20 @@ def test_a_recipe_sees_the_road_through_a_fisheye_lens(system):
     expected = estimator(system, pinhole)(paint_lane(road, pinhole))
     assert expected["offset_m"] == pytest.approx(0.3, abs=0.05)
     at_10_m = np.s_[:, ALONG_M == 10]
-    np.testing.assert_allclose(seen["lines_m"][at_10_m], expected["lines_m"][at_10_m], atol=0.05)
+    np.testing.assert_allclose(
+        seen["lines_m"][at_10_m], expected["lines_m"][at_10_m], atol=0.05
+    )
 
 
 def test_stated_uncertainties_are_those_of_the_lane():
-    lane, estimate = find_lane(DRIVE.frame(0.0), SMALL), estimator("detector")(DRIVE.frame(0.0))
-    stds = lane.offset_std_m, lane.heading_std_rad, lane.curvature_std_per_m, lane.width_std_m
+    lane = find_lane(DRIVE.frame(0.0), SMALL)
+    estimate = estimator("detector")(DRIVE.frame(0.0))
+    stds = (
+        lane.offset_std_m,
+        lane.heading_std_rad,
+        lane.curvature_std_per_m,
+        lane.width_std_m,
+    )
     assert np.sqrt(np.diag(estimate["covariance"])) == pytest.approx(stds)
     assert estimate["width_m"] == lane.width_m
     np.testing.assert_array_equal(estimate["lines_std_m"], lane.lateral_std_m(AHEAD_M))
@@ -94,7 +127,9 @@ def test_estimates_of_a_recipe_have_the_signs_of_the_conventions():
     assert estimate["offset_m"] == pytest.approx(0.2)
     assert estimate["heading_rad"] == pytest.approx(np.arctan(0.05))
     assert estimate["curvature_per_m"] == pytest.approx(0.002, rel=0.01)
-    assert estimate["lines_m"][:, ALONG_M == 10].ravel() == pytest.approx([10.0, 2.2, 10.0, -1.4])
+    assert estimate["lines_m"][:, ALONG_M == 10].ravel() == pytest.approx(
+        [10.0, 2.2, 10.0, -1.4]
+    )
     assert "confidence" not in estimate
 
 
@@ -118,14 +153,21 @@ def test_a_finder_in_a_file_is_a_system_as_it_is_now(tmp_path):
     system = f"{file}:find"
     for _ in range(2):
         assert estimator(system, LEVEL)(IMAGE)["offset_m"] == pytest.approx(-1.0)
-    file.write_text("def find(image, camera):\n    return (0.001, 0.02, 1.9), (0.001, 0.02, -1.7)\n")
+    file.write_text(
+        "def find(image, camera):\n    return (0.001, 0.02, 1.9), (0.001, 0.02, -1.7)\n"
+    )
     estimate = estimator(system, LEVEL)(IMAGE)
-    assert estimate["lines_m"][:, ALONG_M == 10].ravel() == pytest.approx([10.0, 2.2, 10.0, -1.4])
-    assert (estimate["offset_m"], estimate["heading_rad"]) == pytest.approx((-0.1, 0.02), abs=1e-4)
+    assert estimate["lines_m"][:, ALONG_M == 10].ravel() == pytest.approx(
+        [10.0, 2.2, 10.0, -1.4]
+    )
+    assert (estimate["offset_m"], estimate["heading_rad"]) == pytest.approx(
+        (-0.1, 0.02), abs=1e-4
+    )
     assert estimate["curvature_per_m"] == pytest.approx(0.002, rel=1e-3)
     u, v = LEVEL.road_to_pixels([[10.0, 2.2]])[0]
     columns = column_detector(system, LEVEL)(IMAGE, np.array([300, v]))
-    assert columns[0] == pytest.approx([-2, u], abs=0.5) and file in source_files(system)
+    assert columns[0] == pytest.approx([-2, u], abs=0.5)
+    assert file in source_files(system)
 
 
 @pytest.mark.parametrize(
@@ -134,7 +176,10 @@ def test_a_finder_in_a_file_is_a_system_as_it_is_now(tmp_path):
         (None, "no such file"),
         ("1 / 0", "ZeroDivisionError"),
         ("find = 3", "no function 'find'"),
-        ("find = lambda image, camera: [(0.0, 1.0)]", "two lines or None, but this one returned 1"),
+        (
+            "find = lambda image, camera: [(0.0, 1.0)]",
+            "two lines or None, but this one returned 1",
+        ),
     ],
 )
 def test_a_wrong_finder_is_named(tmp_path, content, message):
@@ -152,8 +197,12 @@ def test_the_score_of_the_truth_is_full_and_of_a_shifted_lane_is_none():
         frames = count(step=5)
 
         def find(image, camera):
-            k, x_m = next(frames), (5, 10, 15, 20)
-            lines_m = ([truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in x_m] for side in ("left", "right"))
+            k = next(frames)
+            x_m = (5, 10, 15, 20)
+            lines_m = (
+                [truth[f"{side}_y{x:02d}_m"][k] + shift_m for x in x_m]
+                for side in ("left", "right")
+            )
             return [np.polyfit(x_m, line_m, 3) for line_m in lines_m]
 
         return find

@@ -1,4 +1,6 @@
-"""What disturbs a drive: guide lines and bonnets, which never move; images that are missing, doubled or black."""
+"""What disturbs a drive: guide lines and bonnets, which never move; images that are
+missing, doubled or black.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,8 @@ from tests.support.painted_drive import SMALL, PaintedDrive, Stripe, straight_ro
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
-# Time to collect samples, to lose the false lane and to confirm the true one; and the time that is followed.
+# Time to collect samples, to lose the false lane and to confirm the true one; and the
+# time that is followed.
 LEARNT_S, SECONDS = 6.0, 9.0
 
 
@@ -26,61 +29,93 @@ def motorway() -> CommittedDrive:
     return CommittedDrive("motorway", end_s=SECONDS)
 
 
-@pytest.mark.parametrize("draw", [partial(draw_guide_lines, spread=0.5), draw_striped_bonnet])
+@pytest.mark.parametrize(
+    "draw", [partial(draw_guide_lines, spread=0.5), draw_striped_bonnet]
+)
 def test_the_lane_is_right_once_it_is_known_what_never_moves(motorway, draw):
-    said, errors = motorway.follow((draw(frame), None, number) for number, frame in enumerate(motorway.frames))
+    said, errors = motorway.follow(
+        (draw(frame), None, number) for number, frame in enumerate(motorway.frames)
+    )
     learnt = round(LEARNT_S * FPS)
     assert errors.correct[learnt:].mean() >= 0.98
     assert not errors.confident_and_wrong[learnt:].any()
-    assert said[-1].state == TRACKING and said[-1].confidence >= 0.9
+    assert said[-1].state == TRACKING
+    assert said[-1].confidence >= 0.9
 
 
 def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
-    """As in some simulators: straight ahead in the middle of the lane, without pitch motion."""
-    drive = PaintedDrive(straight_road(), (Stripe(1.8), Stripe(-1.8)), motion=Motion(speed_mps=25.0), camera=SMALL)
+    """As in some simulators: straight ahead in the middle of the lane, without pitch
+    motion.
+    """
+    drive = PaintedDrive(
+        straight_road(),
+        (Stripe(1.8), Stripe(-1.8)),
+        motion=Motion(speed_mps=25.0),
+        camera=SMALL,
+    )
     tracker = LaneTracker(SMALL, fps=FPS)
-    said = [tracker.update(drive.frame(number / FPS)) for number in range(round(2 * LEARNT_S * FPS))]
+    said = [
+        tracker.update(drive.frame(number / FPS))
+        for number in range(round(2 * LEARNT_S * FPS))
+    ]
     assert all(lane.state == TRACKING for lane in said[3:])
-    assert said[-1].left.seen and said[-1].right.seen
+    assert said[-1].left.seen
+    assert said[-1].right.seen
 
 
 def test_the_lane_is_kept_while_the_car_stands(motorway):
-    frames, tracker, rng = motorway.frames, motorway.tracker(), np.random.default_rng(0)
+    frames = motorway.frames
+    tracker = motorway.tracker()
+    rng = np.random.default_rng(0)
     moving = [tracker.update(frame) for frame in frames[:50]]
     noises = [rng.normal(0, 2, frames[49].shape).astype(np.int16) for _ in range(7)]
     for number in range(round(10 * FPS)):
-        standing = tracker.update(cv2.add(frames[49], noises[number % 7], dtype=cv2.CV_8U))
+        standing = tracker.update(
+            cv2.add(frames[49], noises[number % 7], dtype=cv2.CV_8U)
+        )
     assert standing.state == TRACKING
     assert abs(standing.offset_m - moving[-1].offset_m) < 0.05
     assert all(tracker.update(frame).state == TRACKING for frame in frames[50:])
 
 
 def test_what_never_moves_is_forgotten_between_two_drives(motorway):
-    tracker, fresh = motorway.tracker(), motorway.tracker()
+    tracker = motorway.tracker()
+    fresh = motorway.tracker()
     for frame in motorway.frames[:150]:
         tracker.update(draw_guide_lines(frame))
     tracker.reset()
     for frame in motorway.frames[:20]:
-        again, first = tracker.update(draw_guide_lines(frame)), fresh.update(draw_guide_lines(frame))
-        assert again.state == first.state and again.confidence == first.confidence
+        again = tracker.update(draw_guide_lines(frame))
+        first = fresh.update(draw_guide_lines(frame))
+        assert again.state == first.state
+        assert again.confidence == first.confidence
 
 
-def disturbed(drive: CommittedDrive, hit: np.ndarray, kinds: tuple[str, ...], *, told: bool = True) -> Iterator[Step]:
-    """The frames that are hit are in turn dropped, doubled (the one before is shown again) or black.
+def disturbed(
+    drive: CommittedDrive, hit: np.ndarray, kinds: tuple[str, ...], *, told: bool = True
+) -> Iterator[Step]:
+    """The frames that are hit are in turn dropped, doubled (the one before is shown
+    again) or black.
 
     `told` is by how much later the next frame comes.
     """
-    shown, last = 0, -1
+    shown = 0
+    last = -1
     for frame in range(len(hit)):
         kind = kinds[frame % len(kinds)] if hit[frame] else ""
         if kind != "dropped":
             shown = shown if kind == "doubled" else frame
-            yield drive.frames[shown] * np.uint8(kind != "black"), (frame - last) / FPS if told else None, shown
+            yield (
+                drive.frames[shown] * np.uint8(kind != "black"),
+                (frame - last) / FPS if told else None,
+                shown,
+            )
             last = frame
 
 
-# The largest shares at which it works, measured in steps of a tenth with eight seeds: 0.6 and 0.8. Doubled frames
-# hide the distance driven. So do dropped frames without a time stamp.
+# The largest shares at which it works, measured in steps of a tenth with eight seeds:
+# 0.6 and 0.8. Doubled frames hide the distance driven. So do dropped frames without a
+# time stamp.
 @pytest.mark.parametrize(
     ("kinds", "told", "share", "right"),
     [
@@ -89,7 +124,9 @@ def disturbed(drive: CommittedDrive, hit: np.ndarray, kinds: tuple[str, ...], *,
     ],
     ids=["dropped without a word", "all at once"],
 )
-def test_a_drive_that_is_disturbed_ends_tracked_and_is_never_confident_and_wrong(motorway, kinds, told, share, right):
+def test_a_drive_that_is_disturbed_ends_tracked_and_is_never_confident_and_wrong(
+    motorway, kinds, told, share, right
+):
     hit = np.random.default_rng(1).random(round(6.0 * FPS)) < share
     hit[0] = hit[-TrackerSettings().confirmations - 1 :] = False
     said, errors = motorway.follow(disturbed(motorway, hit, kinds, told=told))

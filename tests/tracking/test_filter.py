@@ -1,4 +1,6 @@
-"""Prediction and update of the filter, against roads driven exactly and with synthetic stripes."""
+"""Prediction and update of the filter, against roads driven exactly and with synthetic
+stripes.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +38,12 @@ from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
 
 SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, rate_steps=1e-5, adjacent=0.1)
-COVARIANCE = np.diag(np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL)))
-LANE_BEFORE = a_lane(centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1e-5, pitch=0.004)
+COVARIANCE = np.diag(
+    np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL))
+)
+LANE_BEFORE = a_lane(
+    centre=0.3, width=3.6, heading=0.02, curvature=2e-3, rate=1e-5, pitch=0.004
+)
 
 
 def state_with(**car: float) -> State:
@@ -49,39 +55,60 @@ def state_with(**car: float) -> State:
 
 
 def test_straight_driving_along_a_bend():
-    """A car that drives straight on: the lane turns and moves below it as geometry says."""
+    """A car that drives straight on: the lane turns and moves below it as geometry
+    says.
+    """
     road = RoadGeometry([0.0, 1000.0], [1 / 400, 1 / 400])
-    before = lane_truth(road, VehiclePose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0)
+    before = lane_truth(
+        road, VehiclePose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0
+    )
     lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
     estimate = initial_state(lane, COVARIANCE, 20.0)
     estimate.mean[PATH] = 0.0
     after = predict(estimate, 0.1).mean
-    # two metres on: its heading relative to the road changes by 2 / 400, its lateral place by the integral of it
+    # two metres on: its heading relative to the road changes by 2 / 400, its lateral
+    # place by the integral of it
     assert after[HEADING] == pytest.approx(before.heading_rad + 2 / 400, abs=1e-6)
-    assert after[CENTRE] == pytest.approx(-0.2 + 2 * before.heading_rad + 2**2 / 400 / 2, abs=1e-6)
+    assert after[CENTRE] == pytest.approx(
+        -0.2 + 2 * before.heading_rad + 2**2 / 400 / 2, abs=1e-6
+    )
 
 
 @pytest.mark.parametrize(("speed_mps", "lever_m"), [(2.0, 1.6), (25.0, 0.0)])
 def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, lever_m):
-    """The rear axle stays on its circle: the camera keeps its place in a road that runs at lever / radius to the car.
+    """The rear axle stays on its circle: the camera keeps its place in a road that runs
+    at lever / radius to the car.
 
     At motorway speed tyre slip turns the whole car along the road.
     """
     lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
     estimate = initial_state(lane, COVARIANCE, speed_mps)
     assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
-    # the course says so, too; errors of heading and path that compensate each other do not make it uncertain
+    # the course says so, too; errors of heading and path that compensate each other do
+    # not make it uncertain
     errors = np.zeros(len(estimate.mean))
     errors[[HEADING, PATH]] = lever_m, 1
-    motion = car_motion(State(estimate.mean + 0.1 * (np.arange(len(errors)) == CAMERA_YAW), np.outer(errors, errors)))
-    assert (motion.course_rad, motion.course_std_rad) == pytest.approx((0.1 + lever_m / 20, 0.0), abs=0.02)
+    motion = car_motion(
+        State(
+            estimate.mean + 0.1 * (np.arange(len(errors)) == CAMERA_YAW),
+            np.outer(errors, errors),
+        )
+    )
+    assert (motion.course_rad, motion.course_std_rad) == pytest.approx(
+        (0.1 + lever_m / 20, 0.0), abs=0.02
+    )
 
 
 def test_the_springs_relax_the_camera_yaw_moves_nothing_and_no_car_is_faster_than_its_bend_allows():
     after = predict(state_with(path=2e-3, rest=0.0, aim=0.02), 0.1).mean
-    assert (after[WIDTH], after[CENTRE]) == (3.6, pytest.approx(0.3, abs=1e-9)) and 0 < after[PITCH] < 0.004
-    assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 2) and state_with().mean[REST_PITCH] == 0.004
-    assert all(initial_state(a_lane(curvature=side / 24), COVARIANCE, None).mean[SPEED] <= 12.0 for side in (1, -1))
+    assert (after[WIDTH], after[CENTRE]) == (3.6, pytest.approx(0.3, abs=1e-9))
+    assert 0 < after[PITCH] < 0.004
+    assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 2)
+    assert state_with().mean[REST_PITCH] == 0.004
+    assert all(
+        initial_state(a_lane(curvature=side / 24), COVARIANCE, None).mean[SPEED] <= 12.0
+        for side in (1, -1)
+    )
 
 
 def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
@@ -90,10 +117,15 @@ def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
     assert np.all(np.diag(later.covariance)[:3] > np.diag(estimate.covariance)[:3])
     standing = predict(state_with(speed=0.0), 0.04)
     kept = [WIDTH, CURVATURE, RATE]
-    np.testing.assert_allclose(np.diag(standing.covariance)[kept], np.diag(estimate.covariance)[kept])
-    settings = FilterSettings(tangent_mps=99.0, width_m_per_m=0.5, given_speed_std_mps=3.0)
+    np.testing.assert_allclose(
+        np.diag(standing.covariance)[kept], np.diag(estimate.covariance)[kept]
+    )
+    settings = FilterSettings(
+        tangent_mps=99.0, width_m_per_m=0.5, given_speed_std_mps=3.0
+    )
     other = predict(estimate, 0.04, settings, speed_mps=20.0)
-    assert (np.diag(other.covariance)[[WIDTH, SPEED]] > (0.1, 8.9)).all() and other.mean[CENTRE] != later.mean[CENTRE]
+    assert (np.diag(other.covariance)[[WIDTH, SPEED]] > (0.1, 8.9)).all()
+    assert other.mean[CENTRE] != later.mean[CENTRE]
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
 
 
@@ -104,7 +136,8 @@ def test_update_equals_the_textbook_kalman_update():
     h[CENTRE] = 1
     s = h @ estimate.covariance @ h + 0.05**2
     gain = estimate.covariance @ h / s
-    mean, covariance = estimate.mean + gain * 0.1, estimate.covariance - np.outer(gain, gain) * s
+    mean = estimate.mean + gain * 0.1
+    covariance = estimate.covariance - np.outer(gain, gain) * s
     updated = update(estimate, mean[LANE], covariance[LANE, LANE])
     np.testing.assert_allclose(updated.mean, mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-6, atol=1e-12)
@@ -119,35 +152,69 @@ def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state
     assert there.mean[WIDTH] == pytest.approx(3.6 + wider)
     assert there.mean[CENTRE] == pytest.approx(0.3 + side * (3.6 + wider / 2))
     back = to_adjacent_lane(there, -side, RoadPrior())
-    np.testing.assert_allclose(back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]])
-    np.testing.assert_allclose(np.diag(back.covariance)[:2], np.diag(estimate.covariance)[:2])
-    assert there.covariance[ADJACENT, ADJACENT].max() == pytest.approx(RoadPrior().adjacent_m[1] ** 2)
+    np.testing.assert_allclose(
+        back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]]
+    )
+    np.testing.assert_allclose(
+        np.diag(back.covariance)[:2], np.diag(estimate.covariance)[:2]
+    )
+    assert there.covariance[ADJACENT, ADJACENT].max() == pytest.approx(
+        RoadPrior().adjacent_m[1] ** 2
+    )
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 40])
 def test_the_noise_is_the_same_for_any_frame_rate(curvature):
-    """Half a second without a measurement, in one step or in 30: noise is added per second and per metre."""
+    """Half a second without a measurement, in one step or in 30: noise is added per
+    second and per metre.
+    """
     lane = a_lane(centre=0.2, width=3.6, heading=curvature / 10, curvature=curvature)
-    start = initial_state(lane, np.diag(np.square(a_lane(centre=1e-3, width=1e-3, heading=1e-5))), 15.0)
-    once, often = predict(start, 0.5), start
+    start = initial_state(
+        lane, np.diag(np.square(a_lane(centre=1e-3, width=1e-3, heading=1e-5))), 15.0
+    )
+    once = predict(start, 0.5)
+    often = start
     for _ in range(30):
         often = predict(often, 0.5 / 30)
-    numbers = [WIDTH, PATH, SPEED, REST_PITCH, CAMERA_YAW, *range(len(start.mean))[ADJACENT]]
-    np.testing.assert_allclose(np.diag(often.covariance)[numbers], np.diag(once.covariance)[numbers], rtol=0.02)
+    numbers = [
+        WIDTH,
+        PATH,
+        SPEED,
+        REST_PITCH,
+        CAMERA_YAW,
+        *range(len(start.mean))[ADJACENT],
+    ]
+    np.testing.assert_allclose(
+        np.diag(often.covariance)[numbers], np.diag(once.covariance)[numbers], rtol=0.02
+    )
 
 
 def test_the_jacobian_of_the_transition():
-    lane = a_lane(centre=0.2, heading=0.02, curvature=2e-3, rate=1e-4, pitch=0.004, rate_steps=2e-4, adjacent=0.1)
+    lane = a_lane(
+        centre=0.2,
+        heading=0.02,
+        curvature=2e-3,
+        rate=1e-4,
+        pitch=0.004,
+        rate_steps=2e-4,
+        adjacent=0.1,
+    )
     lane[VERTICAL_CURVATURE] = 2e-3, -5e-3, 4e-3, -1e-3
     mean = initial_state(lane, COVARIANCE, 14.0).mean
     mean[[PATH, REST_PITCH, CAMERA_YAW]] = 1e-3, 2e-3, -3e-3
     steps = np.eye(len(mean)) * 1e-6
-    differences = [transition(mean + s, 0.2)[0] - transition(mean - s, 0.2)[0] for s in steps]
-    found, expected = transition(mean, 0.2)[1], np.transpose(differences) / 2e-6
+    differences = [
+        transition(mean + s, 0.2)[0] - transition(mean - s, 0.2)[0] for s in steps
+    ]
+    found = transition(mean, 0.2)[1]
+    expected = np.transpose(differences) / 2e-6
     std = np.sqrt(np.diag(initial_state(lane, COVARIANCE, 14.0).covariance))
-    # how the decay of rate steps and vertical curvatures depends on the speed is left out: it is small beside the noise
+    # how the decay of rate steps and vertical curvatures depends on the speed is left
+    # out: it is small beside the noise
     kept = np.ones(len(mean), bool)
     kept[SPEED] = False
     scale = std / std[:, None]
-    np.testing.assert_allclose((found * scale)[:, kept], (expected * scale)[:, kept], atol=1e-5)
+    np.testing.assert_allclose(
+        (found * scale)[:, kept], (expected * scale)[:, kept], atol=1e-5
+    )
     np.testing.assert_allclose(found[:4, SPEED], expected[:4, SPEED], atol=1e-6)
