@@ -8,6 +8,7 @@ import json
 import re
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -281,10 +282,12 @@ def test_a_moved_camera_is_reported_with_the_time_on_the_clock_of_the_video(
         r"seems to have moved after (9|10|11) s: .* (1\.[7-9]|2\.\d) deg farther down"
     )
     assert re.search(words, result.description)
-    higher = lambda camera: camera.with_pose(
-        replace(camera.pose, height_m=1.01 * camera.pose.height_m)
-    )  # noqa: E731
-    other_pose = lambda fps, camera, *_, **options: LaneTracker(higher(camera), fps=fps)  # noqa: E731
+
+    def other_pose(fps: float, camera: Camera, *_: Any, **options: Any) -> LaneTracker:
+        pose = camera.pose
+        higher = replace(pose, height_m=1.01 * pose.height_m)
+        return LaneTracker(camera.with_pose(higher), fps=fps)
+
     monkeypatch.setattr("lanes.drive.make_tracker", other_pose)
     (result,) = quietly(
         tmp_path / "drive.mp4", tmp_path / "out", report=False, start_s=4

@@ -2,53 +2,88 @@
 times.
 """
 
-from functools import partial
 from itertools import islice
 
 import numpy as np
 import pytest
 
 from benchmark import speed
-from benchmark.speed import COLD, TRACKING, TRANSCODED, WARM_UP, time_files, time_frames
+from benchmark.speed import (
+    COLD,
+    TRACKING,
+    TRANSCODED,
+    WARM_UP,
+    FileTime,
+    FrameTime,
+    all_systems,
+    time_files,
+    time_frames,
+)
 from helpers import RECIPES
+from lanes.camera.model import load_camera
 from lanes.video.reader import inspect_video, read_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
 
 
-def test_the_tables_of_a_video_have_every_system_and_the_ratios_of_its_times(
-    tmp_path, monkeypatch
-):
-    clip = write_drive(tmp_path / "bend.mp4", BENDS, WARM_UP + 4)
-    measured = {}
-    for name, measure in (("time_frames", time_frames), ("time_files", time_files)):
-        once = partial(measure, rounds=1)
-        monkeypatch.setattr(
-            speed,
-            name,
-            lambda *given, once=once: measured.update(found := once(*given)) or found,
-        )
-    lines = speed.describe_speed(clip).splitlines()
-    assert list(measured)[: 2 + len(RECIPES)] == [TRACKING, COLD, *RECIPES]
-    assert all(min(times) > 0 for times in measured.values())
-    annotated = measured["annotated"]
-    bare = measured[TRANSCODED]
-    assert bare[2:] == (1, 1)
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("speed")
+    return write_drive(folder / "bend.mp4", BENDS, WARM_UP + 4)
+
+
+@pytest.fixture(scope="module")
+def of_frames(clip) -> dict[str, FrameTime]:
+    camera = load_camera(clip.with_suffix(".yaml"))
+    frames = list(read_video(clip))
+    return time_frames(frames, camera, all_systems(camera), rounds=1)
+
+
+@pytest.fixture(scope="module")
+def of_files(clip) -> dict[str, FileTime]:
+    return time_files(clip, load_camera(clip.with_suffix(".yaml")), rounds=1)
+
+
+def test_every_system_is_timed(of_frames):
+    assert list(of_frames) == [TRACKING, COLD, *RECIPES]
+    assert min(min(times) for times in of_frames.values()) > 0.1
+
+
+def test_a_cold_tracker_takes_longer(of_frames):
+    assert of_frames[COLD].undistorts > 1.3 * of_frames[TRACKING].undistorts
+
+
+def test_every_way_to_process_a_file_is_timed(of_files):
+    assert list(of_files) == [TRANSCODED, "through RGB", "annotated"]
+    assert min(min(times) for times in of_files.values()) > 0.1
+
+
+def test_times_of_files_are_ratios_to_a_bare_transcode(of_files):
+    bare = of_files[TRANSCODED]
+    annotated = of_files["annotated"]
+    assert bare.wall_ratio == 1
+    assert bare.cpu_ratio == 1
+    assert annotated.wall_ratio == pytest.approx(annotated.wall_ms / bare.wall_ms)
     assert annotated.cpu_ratio == pytest.approx(annotated.cpu_ms / bare.cpu_ms)
-    for name, times in measured.items():
-        (line,) = (line for line in lines if line.startswith(f"{name} "))
-        assert [
-            float(cell) for cell in line.removeprefix(name).split()
-        ] == pytest.approx(times, abs=0.051)
-    assert lines[-1].startswith("Measured on ")
+
+
+def test_the_tables_have_the_times(clip, monkeypatch):
+    """With two decimals, and the machine in the last line."""
+    of_frames = {"tracker, cold": FrameTime(undistorts=1.234, mean=2.0, ms=30.456)}
+    of_files = {"annotated": FileTime(10.0, 20.128, 1.5, 2.5)}
+    monkeypatch.setattr(speed, "time_frames", lambda *_: of_frames)
+    monkeypatch.setattr(speed, "time_files", lambda *_: of_files)
+    lines = speed.describe_speed(clip).splitlines()
+    cells = {line[:13].strip(): line[13:].split() for line in lines}
+    assert cells["tracker, cold"] == ["1.23", "2.00", "30.46"]
+    assert cells["annotated"] == ["10.00", "20.13", "1.50", "2.50"]
+    assert lines[-1].startswith(f"Measured on {speed.describe_machine()}; load ")
     assert max(map(len, lines)) <= 160
 
 
-def test_a_transcode_keeps_all_frames(tmp_path):
-    clip = write_drive(tmp_path / "bend.mp4", BENDS, 5)
+def test_a_transcode_keeps_all_frames(clip, tmp_path):
     speed.transcode(clip, tmp_path / "out.mp4")
     assert inspect_video(tmp_path / "out.mp4") == inspect_video(clip)
-    for was, now in islice(
-        zip(read_video(clip), read_video(tmp_path / "out.mp4"), strict=True), 5
-    ):
+    frames = zip(read_video(clip), read_video(tmp_path / "out.mp4"), strict=True)
+    for was, now in islice(frames, 5):
         assert np.abs(was.astype(int) - now).mean() < 4
