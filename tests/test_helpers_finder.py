@@ -11,7 +11,6 @@ from pytest import approx
 from helpers import (
     RECIPES,
     LaneFinder,
-    Levels,
     RoadLine,
     Thresholds,
     calibrate,
@@ -298,12 +297,14 @@ def test_two_finders_of_a_recipe_have_no_common_memory(name):
     assert black.state == "lost"
 
 
-NOTHING = [[Levels("RGB R", 256, 256)]]
-BLIND = Thresholds(
-    rules={"red": NOTHING, "gradients": NOTHING, "lab b": NOTHING},
-    combined=["red"],
-    candidates=["combined", "red", "gradients", "lab b"],
-)
+NAMES = ("combined", "red", "gradients", "lab b")
+
+
+def see_nothing(image):
+    return dict.fromkeys(NAMES, np.zeros(image.shape[:2], np.uint8))
+
+
+BLIND = Thresholds(see_nothing, candidates=NAMES)
 
 
 @every_recipe

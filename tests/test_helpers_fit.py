@@ -10,8 +10,6 @@ from numpy.testing import assert_allclose
 from pytest import approx
 
 from helpers import (
-    RoadLine,
-    circle_curvature_per_m,
     fit_line,
     line_points,
     mean_distance_px,
@@ -163,34 +161,6 @@ def test_a_circle_of_radius_r_measures_r(radius, side, y0):
     # a parabola through 30 m of a circle of 200 m is off by 1 %
     assert 1 / line.curvature_per_m() == approx(side * radius, rel=0.012)
     assert line.c0_m == approx(y0, abs=0.01)
-
-
-@given(st.floats(50, 2500), st.sampled_from([-1, 1]))
-def test_three_points_of_a_circle_measure_its_radius(radius, side):
-    """Recipe C's rows are 719, 359 and 0."""
-    points_m = TO_ROAD(circle_in_view(side * radius)[[0, 359, 719]])
-    curvature = circle_curvature_per_m(points_m)
-    assert 1 / curvature == approx(side * radius, rel=1e-6)
-
-
-def test_three_points_of_a_straight_line_have_no_curvature():
-    assert (
-        circle_curvature_per_m(
-            [
-                (30, 1),
-                (15, 1),
-                (0, 1),
-            ]
-        )
-        == 0
-    )
-
-
-def test_curvature_is_measured_where_it_is_asked_for():
-    """Recipe B measures at the far end, where a parabola is flatter than a circle."""
-    line = RoadLine(0.0, 0.0, 0.02)
-    assert line.curvature_per_m() == approx(0.02)
-    assert line.curvature_per_m(x_m=30.0) == approx(0.02 / 1.36**1.5)
 
 
 def test_points_above_the_horizon_are_left_out():

@@ -25,8 +25,16 @@ def take_channel(image, _):
     return colour_channel(image, "HLS S")
 
 
-def take_mask(image, _):
+def take_mask_of_a(image, _):
     return RECIPES["hls_sobel"].thresholds.masks(image)["combined"]
+
+
+def take_mask_of_b(image, _):
+    return RECIPES["equalized_hsv"].thresholds.masks(image)["combined"]
+
+
+def take_mask_of_c(image, _):
+    return RECIPES["best_channel"].thresholds.masks(image)["combined"]
 
 
 def take_flat(image, _):
@@ -49,18 +57,14 @@ def take_lane(image, _):
     return start_finder("best_channel", SMALL).find(image).warped_binary
 
 
-every_function = parametrize(
-    "function",
-    [
-        take_channel,
-        take_mask,
-        take_flat,
-        take_drawing,
-        take_lines,
-        take_file,
-        take_lane,
-    ],
-)
+COLOUR_ONLY = [
+    take_channel,
+    take_mask_of_a,
+    take_mask_of_b,
+    take_mask_of_c,
+    take_flat,
+    take_file,
+]
 
 
 def bgr_reversed(image):
@@ -71,7 +75,7 @@ def transposed(image):
     return np.ascontiguousarray(image.transpose(1, 0, 2)).transpose(1, 0, 2)
 
 
-@every_function
+@parametrize("function", [*COLOUR_ONLY, take_drawing, take_lines, take_lane])
 @parametrize("view", [np.copy, bgr_reversed, transposed])
 def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
     image = tracked_bends()[0]
@@ -90,22 +94,20 @@ def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
             r"expected an RGB .* got shape \(360, 640, 4",
         ),
         (np.zeros((360, 640, 3)), "expected an RGB image .* dtype float64"),
-        (np.zeros((0, 640, 3), np.uint8), r"holds no pixels \(shape \(0, 640, 3\)\)"),
-        ([[0, 0, 0]], "expected an RGB image, got list"),
-        (None, "expected an RGB image, got NoneType"),
+        (np.zeros((0, 640, 3), np.uint8), r"got shape \(0, 640, 3\)"),
+        ([[0, 0, 0]], "expected an RGB image .* got list"),
+        (None, "expected an RGB image .* got NoneType"),
     ],
     ids=["rgba", "float", "empty", "list", "none"],
 )
-@parametrize(
-    "function", [take_channel, take_mask, take_flat, take_drawing, take_file, take_lane]
-)
+@parametrize("function", [*COLOUR_ONLY, take_drawing, take_lane])
 def test_other_arrays_are_refused(function, wrong, sentence, tmp_path):
     with pytest.raises(ValueError, match=sentence):
         function(wrong, tmp_path)
     assert not any(tmp_path.iterdir())
 
 
-@parametrize("function", [take_channel, take_mask, take_flat, take_file])
+@parametrize("function", COLOUR_ONLY)
 def test_a_gray_image_is_refused_where_colour_is_needed(function, tmp_path):
     gray = np.zeros((360, 640), np.uint8)
     with pytest.raises(ValueError, match=r"got shape \(360, 640\), dtype uint8"):

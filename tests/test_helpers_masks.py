@@ -1,13 +1,19 @@
 """Binaries by colour and gradient: ranges, colour order, scales of gradients, sizes."""
 
-from dataclasses import replace
-
 import cv2
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
+from pytest import approx
 
-from helpers import RECIPES, Levels, Thresholds, colour_channel
+from helpers import (
+    RECIPES,
+    colour_channel,
+    gradient_mask,
+    kernels_of_b,
+    slanted_edges,
+    sobel_gradient,
+)
 from tests.support.painted_roads import WHITE, YELLOW
 
 parametrize = pytest.mark.parametrize
@@ -17,22 +23,19 @@ A = RECIPES["hls_sobel"].thresholds
 B = RECIPES["equalized_hsv"].thresholds
 C = RECIPES["best_channel"].thresholds
 
+ROWS, COLUMNS = np.indices((60, 60))
+UPRIGHT = np.where(COLUMNS > 30, 200, 50).astype(np.uint8)
+LEVEL = np.where(ROWS > 30, 200, 50).astype(np.uint8)
+# the angle from a vertical edge: arctan 1.5 is 0.98
+SLANTED = np.where(COLUMNS + 1.5 * ROWS > 75, 200, 50).astype(np.uint8)
+
 
 def plain(colour, size=(40, 30)):
     return np.full((size[1], size[0], 3), colour, np.uint8)
 
 
-def step(low, high):
-    """An image of two gray levels, side by side."""
-    image = plain((low,) * 3)
-    image[:, 20:] = high
-    return image
-
-
-def mask(image, *levels, **settings):
-    """The binary of one rule: all of these levels."""
-    thresholds = Thresholds({"only": [levels]}, combined=["only"], **settings)
-    return thresholds.masks(image)["combined"]
+def in_colour(gray):
+    return np.dstack([gray, gray, gray])
 
 
 @parametrize(
@@ -55,34 +58,10 @@ def test_gray_of_red_is_its_share_of_brightness():
     assert colour_channel(plain((255, 0, 0)), "gray")[0, 0] == 76  # 0.299 of 255
 
 
-def test_ranges_include_both_ends():
-    row = np.repeat(
-        np.array(
-            [
-                [
-                    [9],
-                    [10],
-                    [20],
-                    [21],
-                ]
-            ],
-            np.uint8,
-        ),
-        3,
-        axis=2,
-    )
-    assert mask(row, Levels("gray", 10, 20)).tolist() == [[0, 255, 255, 0]]
-
-
 @parametrize("name", ["CMYK K", "HLS V", "HLS", "HLS HL", "grey"])
 def test_unknown_channels_are_named(name):
     with pytest.raises(ValueError, match=f"channel '{name}' is not known; use gray"):
         colour_channel(plain(GRAY), name)
-
-
-def test_an_unknown_kind_of_threshold_is_named():
-    with pytest.raises(ValueError, match="'gradient' is not known; use value"):
-        mask(step(0, 9), Levels("gray", 1, 2, "gradient"))
 
 
 @parametrize(
@@ -100,155 +79,145 @@ def test_yellow_needs_rgb_order_and_saturation_needs_light(colour, yellow, satur
     assert A.masks(plain(colour))["saturation"].all() == saturated
 
 
-@parametrize(
-    ("name", "channel", "low", "high"),
-    [
-        ("red", "RGB R", 210, 255),
-        ("saturation", "HLS S", 85, 255),
-        ("luv lightness", "Luv L", 225, 255),
-    ],
-)
-def test_recipe_c_excludes_the_lower_end_of_a_range(name, channel, low, high):
-    (levels,) = C.rules[name][0]
-    assert (levels.channel, levels.low, levels.high) == (channel, low + 1, high)
+def colour_with(channel, level):
+    """A colour of this level, as saturated as possible."""
+    random = np.random.default_rng(0)
+    colours = random.integers(0, 256, (1, 200_000, 3), np.uint8)
+    colours = colours[:, colour_channel(colours, channel)[0] == level]
+    spread = np.ptp(colours[0].astype(int), axis=1)
+    return colours[0, spread.argmax()]
 
 
 @parametrize(
-    ("red", "kept"),
+    ("name", "channel", "level", "kept"),
     [
-        (210, False),
-        (211, True),
-        (255, True),
+        ("red", "RGB R", 210, False),
+        ("red", "RGB R", 211, True),
+        ("red", "RGB R", 255, True),
+        ("hue", "HLS H", 20, False),
+        ("hue", "HLS H", 21, True),
+        ("hue", "HLS H", 80, True),
+        ("hue", "HLS H", 81, False),
+        ("saturation", "HLS S", 85, False),
+        ("saturation", "HLS S", 86, True),
+        ("luv lightness", "Luv L", 225, False),
+        ("luv lightness", "Luv L", 226, True),
+        ("lab b", "Lab b", 155, False),
+        ("lab b", "Lab b", 156, True),
+        ("lab b", "Lab b", 200, True),
+        ("lab b", "Lab b", 201, False),
     ],
 )
-def test_a_red_of_210_is_not_above_210(red, kept):
-    image = plain((red, 0, 0), size=(100, 90))
-    assert C.masks(image)["red"][80, 50] == 255 * kept
+def test_recipe_c_excludes_the_lower_end_of_a_range(name, channel, level, kept):
+    image = plain((0, 0, 0), size=(60, 60))
+    image[SLANTED > 100] = colour_with(channel, level)
+    assert C.masks(image)[name].any() == kept
 
 
 @parametrize("kernel", [3, 5, 9])
-@parametrize(("low", "seen"), [(59.9, True), (60.1, False)])
-def test_a_sharp_edge_answers_its_own_height_whatever_the_kernel(kernel, low, seen):
-    levels = Levels("gray", low, 255, "gradient x", kernel=kernel)
-    assert mask(step(50, 110), levels).any() == seen
-
-
-ROWS, COLUMNS = np.indices((60, 60))
-LEVEL = np.where(2 * ROWS > 60, 200, 50).astype(np.uint8)
-SLANT = np.where(COLUMNS + 1.5 * ROWS > 75, 200, 50).astype(np.uint8)
-UPRIGHT = step(50, 200)
-LYING = np.dstack([LEVEL, LEVEL, LEVEL])
-SLANTED = np.dstack([SLANT, SLANT, SLANT])
-STRONG = Levels("gray", 60, 255, "magnitude")
-DIRECTION = Levels("gray", 0.7, 1.2, "direction")
+def test_a_sharp_edge_answers_its_own_height_whatever_the_kernel(kernel):
+    along_u, along_v = sobel_gradient(UPRIGHT, kernel)
+    assert along_u.max() == approx(150)
+    assert not along_v.any()
 
 
 @parametrize(
-    ("image", "levels", "seen"),
+    ("high", "kept"),
     [
-        (UPRIGHT, [Levels("gray", 20, 255, "gradient x")], True),
-        (UPRIGHT, [Levels("gray", 20, 255, "gradient y")], False),
-        (LYING, [Levels("gray", 20, 255, "gradient y")], True),
-        (UPRIGHT, [STRONG], True),
-        # a direction is the angle from a vertical edge: arctan 1.5 is 0.98
-        (SLANTED, [STRONG, DIRECTION], True),
-        (UPRIGHT, [STRONG, DIRECTION], False),
         # the upper end drops steep edges unless it is the end of the scale
-        (
-            step(0, 150),
-            [Levels("gray", 100, 200, "gradient x", full_step=100)],
-            False,
-        ),
-        (step(0, 255), [Levels("gray", 100, 255, "gradient x", full_step=100)], True),
+        (200, [0, 255, 255, 255, 0, 0]),
+        (255, [0, 255, 255, 255, 255, 255]),
     ],
 )
-def test_gradients_have_a_direction_and_a_range(image, levels, seen):
-    assert mask(image, *levels).any() == seen
+def test_gradients_of_both_signs_have_a_range_with_both_ends(high, kept):
+    """In which a step of 51 levels is 255, so 100 are 20 levels, and 200 are 40."""
+    levels = np.array([[19, 20, -20, 40, 41, 90]], np.float32)
+    assert gradient_mask(levels, 100, high, full_step=51).tolist() == [kept]
 
 
-@parametrize(
-    ("image", "seen"),
-    [
-        (SLANTED, True),
-        (UPRIGHT, False),
-        (LYING, False),
-    ],
-)
-def test_slanted_edges_of_a_binary_are_kept(image, seen):
-    assert mask(image, Levels("gray", 100, 255, edges_rad=(0.7, 1.2))).any() == seen
+def test_recipe_a_sees_upright_edges_in_its_gradient_x():
+    assert A.masks(in_colour(UPRIGHT))["gradient x"].any()
+    assert not A.masks(in_colour(LEVEL))["gradient x"].any()
 
 
-def test_slanted_edges_are_those_of_the_binary_and_not_of_the_gray_image():
-    """A slanted edge of gray inside the range of the binary is none of its edges."""
-    within = np.where(SLANTED > 100, 180, 120).astype(np.uint8)
-    levels = Levels("gray", 100, 255)
-    assert mask(within, levels, DIRECTION).any()
-    assert not mask(within, levels._replace(edges_rad=(0.7, 1.2))).any()
+@parametrize(("channel", "seen"), [(SLANTED, True), (UPRIGHT, False), (LEVEL, False)])
+def test_slanted_edges_are_slanted(channel, seen):
+    assert slanted_edges(channel).any() == seen
+    assert C.masks(in_colour(channel))["gradients"].any() == seen
 
 
 @parametrize("name", ["hue", "lab b"])
-def test_recipe_c_keeps_the_slanted_edges_of_hue_and_lab_b(name):
-    """A yellow patch with one slanted edge: its inside and its upright edge are not."""
+def test_recipe_c_keeps_the_slanted_edges_of_the_binaries_of_hue_and_lab_b(name):
+    """Of a yellow patch: not its upright edge, nor the slanted edge of a darker part."""
     image = plain(GRAY, size=(300, 300))
     rows, columns = np.indices((300, 300))
-    patch = (rows > 200) & (columns > 100) & (columns < 300 - rows + 120)
+    patch = (rows > 200) & (columns > 100) & (columns < 420 - rows)
     image[patch] = YELLOW
+    darker = patch & (columns < 380 - rows)
+    image[darker] = np.array(YELLOW) * 0.85
+    assert slanted_edges(colour_channel(image, "gray"))[230, 145:155].any()
+
     found_rows, found_columns = np.nonzero(C.masks(image)[name])
     assert len(found_rows) > 100
     on_edge = np.abs(found_columns - (420 - found_rows)) <= 2
     assert on_edge.mean() > 0.9
 
 
-def test_region_is_given_in_fractions():
-    white = plain((255, 255, 255), (200, 100))
-    lower_half = (
-        (0, 1),
-        (0, 0.5),
-        (1, 0.5),
-        (1, 1),
-    )
-    inside = mask(white, Levels("gray", 0, 255), region=lower_half)
-    assert not inside[:49].any() and inside[51:].all()
+def test_the_binaries_of_recipe_c_are_those_of_its_lane():
+    """Without the sky and the adjacent lanes."""
+    inside = C.masks(plain(WHITE, (1280, 720)))["red"]
+    assert not inside[:399].any() and not inside[:600, [0, 1279]].any()
+    assert inside[401, 640] and inside[719, [10, 1260]].all()
 
 
-def test_closing_fills_narrow_gaps():
-    image = plain((0, 0, 0), (60, 20))
-    for left, right in (
-        (10, 20),
-        (23, 30),
-        (45, 50),
-    ):
-        image[:, left:right] = 255
-    closed = mask(image, Levels("gray", 255, 255), close_px=5)
+def test_recipe_b_closes_narrow_gaps():
+    image = plain((0, 0, 0), (1280, 720))
+    # as bright as yellow: without edges in gray
+    image[:] = colour_channel(plain(YELLOW), "gray")[0, 0]
+    image[:, 10:20] = image[:, 23:30] = image[:, 45:50] = YELLOW
+    closed = B.masks(image)["combined"]
     assert closed[10, 10:30].all()
     assert not closed[10, 31:44].any()
 
 
 @parametrize(
-    ("factor", "kernel", "close_px"),
+    ("width", "height", "kernel", "closing_px"),
     [
-        (0.5, 5, 3),
-        (0.01, 3, 1),
-        (9.0, 31, 45),
+        (1280, 720, 9, 5),
+        (640, 360, 5, 3),
+        (12, 7, 3, 1),
+        (11520, 6480, 31, 45),
     ],
 )
-def test_wide_kernels_scale_to_odd_sizes_that_exist(factor, kernel, close_px):
-    scaled = B.scaled(factor)
-    assert scaled.rules["magnitude"][0][0].kernel == kernel
-    assert scaled.close_px == close_px
+def test_wide_kernels_scale_to_odd_sizes_that_exist(width, height, kernel, closing_px):
+    image = np.broadcast_to(np.uint8(0), (height, width, 3))
+    assert kernels_of_b(image) == (kernel, closing_px)
 
 
-def test_the_finest_kernel_and_all_levels_stay():
+@parametrize("thresholds", [A, C], ids=["A", "C"])
+def test_the_finest_kernel_and_all_levels_stay(thresholds):
+    """The same edges in an image and in a quarter of it, where C has both regions."""
     image = cv2.resize(SLANTED, (600, 600), interpolation=cv2.INTER_LINEAR)
-    for thresholds in (A, replace(C, region=None)):
-        whole = thresholds.masks(image)
-        scaled = thresholds.scaled(2.0).masks(image)
-        for name, binary in whole.items():
-            assert_array_equal(binary, scaled[name])
+    image = cv2.GaussianBlur(in_colour(image), (0, 0), 3)
+    part = image[300:, 150:450]
+    inside = slice(5, -5)
+    all_masks = thresholds.masks(image)
+    part_masks = thresholds.masks(part)
+    both = C.masks(plain(WHITE, (600, 600)))["red"][300:, 150:450]
+    both = both & C.masks(plain(WHITE, (300, 300)))["red"]
+    for name, mask in part_masks.items():
+        whole = all_masks[name][300:, 150:450] & both
+        assert_array_equal((mask & both)[inside, inside], whole[inside, inside])
 
 
 def test_recipe_c_has_the_binaries_in_its_authors_order():
     """Of two equally good binaries the first one is taken."""
     names = ("red", "gradients", "hue", "saturation", "luv lightness", "lab b")
     assert RECIPES["best_channel"].video_thresholds.candidates == names
-    assert C.combined == ("saturation", "red", "lab b")
+
+
+def test_the_still_of_recipe_c_is_saturation_or_red_or_lab_b():
+    random = np.random.default_rng(1)
+    masks = C.masks(random.integers(0, 256, (90, 160, 3), np.uint8))
+    union = masks["saturation"] | masks["red"] | masks["lab b"]
+    assert_array_equal(masks["combined"], union)
