@@ -166,8 +166,8 @@ class VideoWriter:
             padding = (0, height % 2), (0, width % 2), (0, 0)
             image = np.pad(image, padding, "edge")
         planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-        planes = np.asarray(planes, np.uint8)
-        frame = av.VideoFrame.from_ndarray(planes, format="yuv420p")
+        yuv = np.asarray(planes, np.uint8)
+        frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
         _tag(frame)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
