@@ -44,7 +44,10 @@ from lanes.video.images import is_transposed, make_upright, upright_axes
 # Formats of recorders, phones and editors. Playlists and lists of files (hls, dash,
 # concat, image2) are excluded: they make FFmpeg open further files or network addresses
 # that the author of the file chose.
-_FORMATS = "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,yuv4mpegpipe,gif"
+_FORMATS = (
+    "mov,matroska,avi,mpegts,mpeg,mpegvideo,flv,asf,ogg,mxf,nut,h264,hevc,m4v,mjpeg,"
+    "yuv4mpegpipe,gif"
+)
 # Formats whose packets have a place in the order of decoding only. FFmpeg's guesses of
 # presentation times are wrong for reordered frames and at gaps; players show a frame at
 # the place of the packet that completes it.
@@ -64,8 +67,8 @@ STAMP_TOLERANCE_S = 1e-3
 QUEUE_SIZE = 3
 MIRRORED_WORDS = (
     "is shown mirrored, as its display matrix says: if the road is mirrored, too, left "
-    "and right are exchanged; remove "
-    "the flip then (ffmpeg -display_rotation 0 -i VIDEO -c copy NEW)"
+    "and right are exchanged; remove the flip then (ffmpeg -display_rotation 0 -i "
+    "VIDEO -c copy NEW)"
 )
 
 
@@ -151,18 +154,21 @@ def open_video(path: str | Path) -> InputContainer:
     except av.FFmpegError as error:
         raise VideoError(
             f"{path}: cannot be read as a video ({error.strerror}): it is not a video, "
-            "a playlist, or cut off; copy it "
-            "again, or convert it to mp4."
+            "a playlist, or cut off; copy it again, or convert it to mp4."
         ) from error
+
     streams = container.streams
     if not streams.video or streams.video[0].codec_context is None:
-        kinds = " and ".join(sorted({stream.type for stream in streams})) or "none"
-        without = (
-            f"holds no frame of a video (its streams: {kinds}); name a video file."
-        )
-        fault = _NOT_DECODED if streams.video else without
+        fault = _NOT_DECODED
+        if not streams.video:
+            kinds = sorted({stream.type for stream in streams})
+            found = " and ".join(kinds) or "none"
+            fault = (
+                f"holds no frame of a video (its streams: {found}); name a video file."
+            )
         container.close()
         raise VideoError(f"{path}: {fault}")
+
     streams.video[0].codec_context.options = {"max_pixels": str(MAX_PIXELS)}
     return container
 
@@ -172,22 +178,26 @@ def decode_frames(
 ) -> Iterator[av.VideoFrame]:
     """The undamaged frames of a video stream in order."""
     placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
-    last = None
+    last_pts = None
     for packet in read_packets(container, stream):
         for frame in decode_packet(packet):
             if placed:
                 # the last frames are completed by the end of the file
-                if frame.dts is None and last is not None:
-                    rate = stream.average_rate or stream.guessed_rate
-                    tick = stream.time_base
-                    frame.pts = last + max(
-                        round(1 / (rate * tick)) if rate and tick else 1, 1
-                    )
+                if frame.dts is None and last_pts is not None:
+                    frame.pts = last_pts + _ticks_per_frame(stream)
                 else:
                     frame.pts = frame.dts
-                last = frame.pts
+                last_pts = frame.pts
             if not frame.is_corrupt:
                 yield frame
+
+
+def _ticks_per_frame(stream: av.VideoStream) -> int:
+    rate = stream.average_rate or stream.guessed_rate
+    tick = stream.time_base
+    if not rate or not tick:
+        return 1
+    return max(round(1 / (rate * tick)), 1)
 
 
 def frame_orientation(frame: av.VideoFrame) -> int:
@@ -201,8 +211,15 @@ def frame_orientation(frame: av.VideoFrame) -> int:
     # of a row vector (column, row) in the stored image to one on the screen
     # (libavutil/display.h)
     a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
-    axes = np.sign([(a, 0), (0, d)] if abs(a) >= abs(c) else [(0, c), (b, 0)])
-    return next((n for n in range(1, 9) if (upright_axes(n) == axes).all()), 1)
+    if abs(a) >= abs(c):
+        axes = np.sign([(a, 0), (0, d)])
+    else:
+        axes = np.sign([(0, c), (b, 0)])
+
+    for orientation in range(1, 9):
+        if np.array_equal(upright_axes(orientation), axes):
+            return orientation
+    return 1
 
 
 def read_packets(
@@ -235,68 +252,91 @@ def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
     VideoError if the file is empty, not a video, without frames, or without a usable
     frame rate.
     """
-    file = require_file(path, "video", error=VideoError).stat()
-    return _index_video(str(path), whole, file.st_mtime_ns, file.st_size)
+    file = require_file(path, "video", error=VideoError)
+    status = file.stat()
+    return _index_video(str(path), whole, status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=16)
 def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
     with open_video(path) as container:
         stream = container.streams.video[0]
-        stored = 0
-        end_s = 0.0
-        early = 0
-        first = None
-        # time stamps of presentation and of decoding
-        shown: list[tuple[int | None, int | None]] = []
-        for packet in read_packets(container):
-            if packet.pts is not None:
-                end_s = max(
-                    end_s,
-                    float((packet.pts + (packet.duration or 0)) * packet.time_base),
-                )
-            if packet.stream is stream:
-                stored += packet.size > 0
-                # A clip cut without re-encoding begins with frames that are only
-                # references for later ones.
-                if packet.size and not packet.is_discard:
-                    shown.append((packet.pts, packet.dts))
-                if first is None:
-                    early = len(shown)
-                    first = next(decode_packet(packet), None)
-                if first is not None and not whole and not _has_jumps(stream):
-                    break
+        packets = _scan_packets(container, whole)
+        first = packets.first
         if first is None:
             raise VideoError(f"{path}: {_NOT_DECODED}")
-        stamps = np.sort([pts for pts, _ in shown if pts is not None])
+
+        shown_pts = [pts for pts, _ in packets.shown]
+        stamps = np.sort([pts for pts in shown_pts if pts is not None])
         rate = _frame_rate(stream, stamps, path)
-        # average rate and base rate differ by less than 2 %
-        constant = (
-            stream.guessed_rate is not None
-            and abs(stream.guessed_rate / rate - 1) < 0.02
-        )
-        length_s, gaps = _measure_stamps(
-            [pts for pts, _ in shown], rate, stream.time_base, constant
-        )
+        constant = False
+        if stream.guessed_rate is not None:
+            # average rate and base rate differ by less than 2 %
+            constant = abs(stream.guessed_rate / rate - 1) < 0.02
+        length_s, gaps = _measure_stamps(shown_pts, rate, stream.time_base, constant)
+        announced = stream.frames - packets.stored
+        cut_off = _count_cut_off(container, rate, packets.end_s)
+
         orientation = frame_orientation(first)
-        width, height = square_size(first, stream)[
-            :: -1 if is_transposed(orientation) else 1
-        ]
+        width, height = square_size(first, stream)
+        if is_transposed(orientation):
+            width, height = height, width
         info = VideoInfo(
             width=width,
             height=height,
             fps=float(rate),
-            frames=len(shown),
+            frames=len(shown_pts),
             duration_s=round(length_s, 6),
             has_audio=bool(container.streams.audio),
-            missing=max(
-                stream.frames - stored, gaps + _count_cut_off(container, rate, end_s)
-            ),
+            missing=max(announced, gaps + cut_off),
             orientation=orientation,
         )
-        return VideoIndex(
-            info, rate, constant, _start_s(container, shown[:early], first), stamps
-        )
+        start_s = _start_s(container, packets.shown[: packets.early], first)
+        return VideoIndex(info, rate, constant, start_s, stamps)
+
+
+@dataclass(frozen=True, eq=False)
+class _Packets:
+    """The first frame of a video, and what its packets say.
+
+    `shown` has the time stamps of presentation and of decoding of the frames that are
+    shown, the first `early` of them up to the packet that completes the first frame.
+    `stored` frames are in the file. `end_s` is the end of the last packet of any
+    stream.
+    """
+
+    first: av.VideoFrame | None
+    shown: list[tuple[int | None, int | None]]
+    early: int
+    stored: int
+    end_s: float
+
+
+def _scan_packets(container: InputContainer, whole: bool) -> _Packets:
+    stream = container.streams.video[0]
+    first = None
+    shown: list[tuple[int | None, int | None]] = []
+    early = 0
+    stored = 0
+    end_s = 0.0
+    for packet in read_packets(container):
+        if packet.pts is not None:
+            end_pts = packet.pts + (packet.duration or 0)
+            end_s = max(end_s, float(end_pts * packet.time_base))
+        if packet.stream is not stream:
+            continue
+
+        stored += packet.size > 0
+        # A clip cut without re-encoding begins with frames that are only references for
+        # later ones.
+        if packet.size and not packet.is_discard:
+            shown.append((packet.pts, packet.dts))
+        if first is None:
+            early = len(shown)
+            first = next(decode_packet(packet), None)
+        if first is not None and not whole and not _has_jumps(stream):
+            break
+    return _Packets(first, shown, early, stored, end_s)
 
 
 def _start_s(
@@ -313,9 +353,11 @@ def _start_s(
     stamps = [dts if placed else pts for pts, dts in packets if pts is not None]
     if placed and stream.codec_context.has_b_frames and first.dts is not None:
         stamps = [first.dts]
-    return min((stamp for stamp in stamps if stamp is not None), default=0) * (
-        stream.time_base or Fraction(0)
-    )
+
+    known = [stamp for stamp in stamps if stamp is not None]
+    earliest = min(known, default=0)
+    tick = stream.time_base or Fraction(0)
+    return earliest * tick
 
 
 def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
@@ -325,9 +367,9 @@ def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
     aspect = stream.sample_aspect_ratio or Fraction(1)
     if not Fraction(1, 4) <= aspect <= 4:  # nonsense
         aspect = Fraction(1)
-    return round(frame.width * max(aspect, Fraction(1))), round(
-        frame.height / min(aspect, Fraction(1))
-    )
+    width = round(frame.width * max(aspect, Fraction(1)))
+    height = round(frame.height / min(aspect, Fraction(1)))
+    return width, height
 
 
 def _has_jumps(stream: av.VideoStream) -> bool:
@@ -335,7 +377,8 @@ def _has_jumps(stream: av.VideoStream) -> bool:
     that it may include jumps.
     """
     rate = stream.average_rate or stream.guessed_rate or MIN_FPS
-    return rate < MIN_FPS or rate < 0.9 * float(stream.guessed_rate or rate)
+    base_rate = stream.guessed_rate or rate
+    return rate < MIN_FPS or rate < 0.9 * float(base_rate)
 
 
 def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
@@ -345,16 +388,18 @@ def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fracti
     rate = stream.average_rate or stream.guessed_rate
     if not rate:
         raise VideoError(f"{path}: has no frame rate; convert it to mp4 first.")
-    if _has_jumps(stream):
+
+    if stream.time_base and len(stamps) > 1 and _has_jumps(stream):
         steps = np.diff(stamps)
-        usual = steps[steps <= JUMP_FRAMES * np.median(steps)] if len(steps) else steps
-        if stream.time_base and len(usual) < len(steps) and usual.any():
-            rate = Fraction(
-                1 / float(usual.mean() * stream.time_base)
-            ).limit_denominator(1001)
+        usual = steps[steps <= JUMP_FRAMES * np.median(steps)]
+        if len(usual) < len(steps) and usual.any():
+            step_s = float(usual.mean() * stream.time_base)
+            rate = Fraction(1 / step_s).limit_denominator(1001)
+
     if not MIN_FPS <= rate <= MAX_FPS:
         raise VideoError(
-            f"{path}: states an implausible {float(rate):g} frames per second; convert it to mp4 first."
+            f"{path}: states an implausible {float(rate):g} frames per second; convert "
+            "it to mp4 first."
         )
     return rate
 
@@ -375,24 +420,31 @@ def _measure_stamps(
     length_s = float(len(stamps) / rate)
     if tick is None or not known or len(known) < len(stamps):
         return length_s, 0
-    # in frames; floats, because thousands of fractions take longer than to read the
-    # file
+
+    # Places in frames; floats, because thousands of fractions take longer than to read
+    # the file.
+    frames_per_tick = float(tick * rate)
     order = np.argsort(known, kind="stable")
+    places = np.array(known)[order] * frames_per_tick
     # no codec reorders 16 frames
-    places = np.array(known)[order] * float(tick * rate)
-    away = np.abs(order - np.arange(len(order))) > 16
+    moved = np.abs(order - np.arange(len(order)))
+    away = moved > 16
     if away.mean() < MAX_SHORT_SHARE:
         places = places[~away]
+
     steps = np.diff(places)
     steps[steps > CLOCK_SET_S * float(rate)] = 1
-    if not constant_rate or (steps < MIN_STEP).sum() > MAX_SHORT_SHARE * len(steps):
-        return (
-            float((steps.sum() + 1) / rate) if (steps > JUMP_FRAMES).any() else length_s
-        ), 0
+    short = (steps < MIN_STEP).sum()
+    if not constant_rate or short > MAX_SHORT_SHARE * len(steps):
+        if (steps > JUMP_FRAMES).any():
+            length_s = float((steps.sum() + 1) / rate)
+        return length_s, 0
+
     gaps = np.maximum(np.rint(steps) - 1, 0)
     length = len(places) + int(gaps.sum())
     outliers = len(known) - len(places)
-    return float(length / rate), max(count_missing(gaps) - outliers, 0)
+    missing = max(count_missing(gaps) - outliers, 0)
+    return float(length / rate), missing
 
 
 def count_missing(gaps: np.ndarray) -> int:
@@ -408,7 +460,8 @@ def count_lost(
     """Number of frames of a part that are damaged or not in the file, by the `numbers`
     of those that were read.
     """
-    if start_s == 0 and (end_s is None or end_s >= info.duration_s):
+    to_end = end_s is None or end_s >= info.duration_s
+    if start_s == 0 and to_end:
         return max(0, info.frames + info.missing - len(numbers))
     return count_missing(np.diff(numbers) - 1)
 
@@ -417,14 +470,15 @@ def _count_cut_off(container: InputContainer, rate: Fraction, end_s: float) -> i
     """Number of frames that the header announces beyond the last packet, at `end_s`."""
     # In Matroska and NUT the duration counts from zero, in all others from the first
     # packet.
-    begin = (
-        0
-        if {"matroska", "nut"} & {*container.format.name.split(",")}
-        else container.start_time or 0
-    )
-    cut_off_s = ((container.duration or 0) + begin) / av.time_base - end_s
+    names = container.format.name.split(",")
+    announced = container.duration or 0
+    if "matroska" not in names and "nut" not in names:
+        announced += container.start_time or 0
+    cut_off_s = announced / av.time_base - end_s
     # some headers round to half a second
-    return round(cut_off_s * rate) if cut_off_s > 0.5 else 0
+    if cut_off_s <= 0.5:
+        return 0
+    return round(cut_off_s * rate)
 
 
 def decode_packet(packet: av.Packet) -> Iterator[Any]:
@@ -449,16 +503,17 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
     if not is_robot_log(path):
         return index_video(path).info
     log = index_log(path, topic)
+    width, height = log.size
     count = len(log.numbers)
-    length_s = round(log.times_s[-1].item() + 1 / log.fps, 6)
-    missing = int(log.numbers[-1]) + 1 - count
+    length_s = log.times_s[-1].item() + 1 / log.fps
     return VideoInfo(
-        *log.size,
-        log.fps,
-        count,
-        length_s,
-        False,
-        missing,
+        width=width,
+        height=height,
+        fps=log.fps,
+        frames=count,
+        duration_s=round(length_s, 6),
+        has_audio=False,
+        missing=int(log.numbers[-1]) + 1 - count,
         topic=log.topic,
         note=log.note,
     )
@@ -491,26 +546,33 @@ def read_timed_frames(
     or it ends before `start_s`.
     """
     start_s = require_number(start_s, "start_s")
-    end_s = None if end_s is None else require_number(end_s, "end_s", finite=False)
-    if not 0 <= start_s < (math.inf if end_s is None else end_s):
+    until_s = math.inf
+    if end_s is not None:
+        end_s = require_number(end_s, "end_s", finite=False)
+        until_s = end_s
+    if not 0 <= start_s < until_s:
         raise VideoError(
-            f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < end_s."
+            f"{path}: cannot read from {start_s} s to {end_s} s; give 0 <= start_s < "
+            "end_s."
         )
+
+    if is_robot_log(path):
+        read = _read_log(path, start_s, until_s, topic)
+    else:
+        read = _read_frames(path, start_s, until_s)
     last_s = None
-    read = (
-        _read_log(path, start_s, end_s, topic)
-        if is_robot_log(path)
-        else _read_frames(path, start_s, end_s)
-    )
     for number, time_s, image in read:
-        yield TimedFrame(
-            number, time_s, image, None if last_s is None else time_s - last_s
-        )
+        elapsed_s = None
+        if last_s is not None:
+            elapsed_s = time_s - last_s
+        yield TimedFrame(number, time_s, image, elapsed_s)
         last_s = time_s
+
     if last_s is None:
         until = "" if end_s is None else f" and before {end_s:g} s"
         raise VideoError(
-            f"{path}: has no frame at or after {start_s:g} s{until}; name another part of it."
+            f"{path}: has no frame at or after {start_s:g} s{until}; name another part "
+            "of it."
         )
 
 
@@ -527,36 +589,38 @@ def read_frames(
 
     With `progress` a bar shows how far they are, if stderr is a terminal or a notebook.
     """
-    expected = round(
-        (min(end_s or info.duration_s, info.duration_s) - start_s) * info.fps
-    )
+    until_s = min(end_s or info.duration_s, info.duration_s)
+    expected = max(round((until_s - start_s) * info.fps), 0)
     items = read_timed_frames(path, start_s=start_s, end_s=end_s, topic=info.topic)
     with (
         closing(items),
         ThreadPoolExecutor(1) as thread,
-        progress_bar(None, "frame", max(expected, 0), shown=progress) as bar,
+        progress_bar(None, "frame", expected, shown=progress) as bar,
     ):
         waiting = deque(thread.submit(next, items, None) for _ in range(QUEUE_SIZE))
-        while (frame := waiting.popleft().result()) is not None:
+        while True:
+            frame = waiting.popleft().result()
+            if frame is None:
+                break
             waiting.append(thread.submit(next, items, None))
             yield frame
             bar.update()
 
 
 def _read_log(
-    path: str | Path, start_s: float, end_s: float | None, topic: str | None
+    path: str | Path, start_s: float, end_s: float, topic: str | None
 ) -> Iterator[tuple[int, float, np.ndarray]]:
     log = index_log(path, topic)
-    until_s = math.inf if end_s is None else end_s
-    first, end = np.searchsorted(
-        log.times_s + STAMP_TOLERANCE_S, [start_s, until_s]
-    ).tolist()
+    latest_s = log.times_s + STAMP_TOLERANCE_S
+    first, end = np.searchsorted(latest_s, [start_s, end_s]).tolist()
     for index, image in read_log(path, log, first, end):
-        yield log.numbers[index].item(), log.times_s[index].item(), image
+        number = log.numbers[index].item()
+        time_s = log.times_s[index].item()
+        yield number, time_s, image
 
 
 def _read_frames(
-    path: str | Path, start_s: float, end_s: float | None
+    path: str | Path, start_s: float, end_s: float
 ) -> Iterator[tuple[int, float, np.ndarray]]:
     index = index_video(path, whole=False)
     number = None
@@ -566,17 +630,22 @@ def _read_frames(
         for frame, time_s, stream in frames:
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
-            if end_s is not None and time_s > end_s - STAMP_TOLERANCE_S:
+            if time_s > end_s - STAMP_TOLERANCE_S:
                 break
+
             place = round(time_s * index.rate)
-            if number is not None:
-                number = max(number + 1, place if index.constant_rate else 0)
-            else:
+            if number is None:
                 number = place
                 size = square_size(frame, stream)
                 if not index.constant_rate and start_s > 0 and frame.pts is not None:
-                    number = int(np.searchsorted(index_video(path).stamps, frame.pts))
-            yield number, float(time_s), _upright_rgb(frame, size, converter, path)
+                    stamps = index_video(path).stamps
+                    number = int(np.searchsorted(stamps, frame.pts))
+            elif index.constant_rate:
+                number = max(number + 1, place)
+            else:
+                number += 1
+            image = _upright_rgb(frame, size, converter, path)
+            yield number, float(time_s), image
 
 
 def _frames_from(
@@ -587,26 +656,29 @@ def _frames_from(
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with
     few key frames, they are from the first one on.
     """
-    for seek in (True, False) if start_s > 1 else (False,):
+    attempts = (True, False) if start_s > 1 else (False,)
+    for seek in attempts:
         with open_video(path) as container:
             stream = container.streams.video[0]
             stream.thread_type = "AUTO"
             if seek:
+                # one second early, because some containers seek coarsely
+                at_s = start_s - 1 + index.start_s
+                tick = stream.time_base or Fraction(1)
                 try:
-                    # one second early, because some containers seek coarsely
-                    at_s = start_s - 1 + index.start_s
-                    container.seek(
-                        int(at_s / (stream.time_base or Fraction(1))), stream=stream
-                    )
+                    container.seek(int(at_s / tick), stream=stream)
                 except av.FFmpegError:  # a raw stream
                     continue
+
             frames = _timed(decode_frames(container, stream), index, path)
             first = next(frames, None)
-            if first is None or (seek and first[1] > start_s - STAMP_TOLERANCE_S):
+            if first is None:
                 continue
-            yield from (
-                (frame, time_s, stream) for frame, time_s in chain([first], frames)
-            )
+            _, first_s = first
+            if seek and first_s > start_s - STAMP_TOLERANCE_S:
+                continue
+            for frame, time_s in chain([first], frames):
+                yield frame, time_s, stream
             return
 
 
@@ -621,37 +693,45 @@ def _timed(
     zero_s = index.start_s
     # looked at where the time stamps leave their order
     ahead: deque[av.VideoFrame] = deque()
-    while frame := ahead.popleft() if ahead else next(frames, None):
-        size = size or (frame.width, frame.height)
-        if (frame.width, frame.height) != size:
+    while True:
+        frame = ahead.popleft() if ahead else next(frames, None)
+        if frame is None:
+            return
+        frame_size = frame.width, frame.height
+        size = size or frame_size
+        if frame_size != size:
+            width, height = size
             raise VideoError(
-                f"{path}: changes from {size[0]}x{size[1]} to "
+                f"{path}: changes from {width}x{height} to "
                 f"{frame.width}x{frame.height} pixels at "
                 f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
             )
+
         # Only raw streams have no time stamps, and they have no gaps.
-        after_s = Fraction(0) if last_s is None else last_s + 1 / index.rate
+        after_s = Fraction(0)
+        if last_s is not None:
+            after_s = last_s + 1 / index.rate
         time_s = _stamp_s(frame, zero_s, after_s)
         if last_s is not None and not 0 <= time_s - last_s <= CLOCK_RESET_S:
             # up to four frames in a row are outliers
             ahead.extend(islice(frames, 4 - len(ahead)))
-            time_s = _without_outlier(
-                last_s, time_s, [_stamp_s(f, zero_s, after_s) for f in ahead]
-            )
+            later_s = [_stamp_s(later, zero_s, after_s) for later in ahead]
+            time_s = _without_outlier(last_s, time_s, later_s)
             if not last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S:
                 zero_s -= after_s - time_s
                 time_s = after_s
-        last_s = time_s if last_s is None else max(time_s, last_s)
-        yield frame, last_s
+
+        if last_s is not None:
+            time_s = max(time_s, last_s)
+        last_s = time_s
+        yield frame, time_s
 
 
 def _stamp_s(frame: av.VideoFrame, zero_s: Fraction, otherwise_s: Fraction) -> Fraction:
     """Seconds from `zero_s` to the time stamp of a frame; `otherwise_s` without one."""
-    return (
-        otherwise_s
-        if frame.pts is None or frame.time_base is None
-        else frame.pts * frame.time_base - zero_s
-    )
+    if frame.pts is None or frame.time_base is None:
+        return otherwise_s
+    return frame.pts * frame.time_base - zero_s
 
 
 def _without_outlier(
@@ -662,7 +742,8 @@ def _without_outlier(
     """
     for steps, later_s in enumerate(later, 2):
         follows = last_s < later_s <= last_s + CLOCK_SET_S
-        if follows and not last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S:
+        between = last_s - CLOCK_RESET_S <= time_s <= later_s + CLOCK_RESET_S
+        if follows and not between:
             return last_s + (later_s - last_s) / steps
     return time_s
 
@@ -674,26 +755,28 @@ def _upright_rgb(
     path: str | Path,
 ) -> np.ndarray:
     """The RGB image of a frame of `size` (width, height) before rotation."""
+    width, height = size
     try:
-        image = converter.reformat(frame, *size, format="rgb24", threads=1).to_ndarray()
+        rgb = converter.reformat(frame, width, height, format="rgb24", threads=1)
+        image = rgb.to_ndarray()
     except av.FFmpegError as error:
         raise VideoError(
             f"{path}: its colours cannot be converted to RGB (matrix "
-            f"{frame.colorspace} of Recommendation H.273, "
-            f"{frame.format.name}); export it with the colours of BT.709."
+            f"{frame.colorspace} of Recommendation H.273, {frame.format.name}); export "
+            "it with the colours of BT.709."
         ) from error
     return make_upright(image, frame_orientation(frame))
 
 
 def describe_jumps(time_s: np.ndarray, fps: float) -> str:
     """What jumps in the times (N,) of frames mean, in words; empty without any."""
-    jumps = np.flatnonzero(np.diff(time_s) * fps > JUMP_FRAMES)
-    where = ", ".join(
-        f"by {time_s[k + 1] - time_s[k]:.0f} s after {time_s[k]:.1f} s"
-        for k in jumps[:5]
-    )
+    steps_s = np.diff(time_s)
+    jumps = np.flatnonzero(steps_s * fps > JUMP_FRAMES)
+    if not jumps.size:
+        return ""
+    named = [f"by {steps_s[k]:.0f} s after {time_s[k]:.1f} s" for k in jumps[:5]]
+    where = ", ".join(named)
     return (
-        f"its clock jumps {where}: another recording begins there, and the tracker starts again"
-        if where
-        else ""
+        f"its clock jumps {where}: another recording begins there, and the tracker "
+        "starts again"
     )
