@@ -274,7 +274,7 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
             # average rate and base rate differ by less than 2 %
             constant = abs(stream.guessed_rate / rate - 1) < 0.02
         length_s, gaps = _measure_stamps(shown_pts, rate, stream.time_base, constant)
-        announced = stream.frames - packets.stored
+        not_stored = stream.frames - packets.stored
         cut_off = _count_cut_off(container, rate, packets.end_s)
 
         orientation = frame_orientation(first)
@@ -288,7 +288,7 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
             frames=len(shown_pts),
             duration_s=round(length_s, 6),
             has_audio=bool(container.streams.audio),
-            missing=max(announced, gaps + cut_off),
+            missing=max(not_stored, gaps + cut_off),
             orientation=orientation,
         )
         start_s = _start_s(container, packets.shown[: packets.early], first)
