@@ -137,10 +137,16 @@ class PoseEstimate(ByValue):
         return DOUBTFUL if self.lane_width_m is None else ESTIMATED
 
     @property
+    def given_height_m(self) -> float | None:
+        """The height, if it was given and not estimated."""
+        return None if self.height_std_m else self.pose.height_m
+
+    @property
     def known_height_m(self) -> float | None:
         """The height, if it was given, or if lanes in many images determine it."""
-        is_given = not self.height_std_m
-        return self.pose.height_m if is_given or self.state == ESTIMATED else None
+        if self.state == ESTIMATED:
+            return self.pose.height_m
+        return self.given_height_m
 
     def summary(self) -> dict[str, str]:
         """Each number with its standard deviation and its sign in words, by name."""
@@ -530,8 +536,12 @@ def detect_in_drive(
         return found, drive
 
     with suppress(CameraError):
-        own = estimate_in_drive(
-            image, camera, drive, markings=markings, settings=settings
+        own = estimate_pose(
+            image,
+            camera,
+            height_m=drive.given_height_m,
+            markings=markings,
+            settings=settings,
         )
         if own.still and own.still.confidence > found.confidence:
             return own.still, own

@@ -198,9 +198,12 @@ def test_coasting_lasts_as_long_at_any_frame_rate_and_while_the_lines_are_certai
     """
     tracker = LaneTracker(SMALL, fps=fps, settings=settings)
     follow(DRIVE, 1.0, fps=fps, tracker=tracker)
-    coasted = list(
-        takewhile(bool, (tracker.update(BLACK, elapsed_s=0.05) for _ in range(100)))
-    )
+
+    def followed() -> Lane | None:
+        tracker.update(BLACK, elapsed_s=0.05)
+        return tracker.tracked_lane
+
+    coasted = list(takewhile(bool, (followed() for _ in range(100))))
     assert {lane.state for lane in coasted} == {"coasting"}
     assert frames[0] <= len(coasted) <= frames[1]
 
@@ -380,7 +383,8 @@ def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m,
     other = LaneTracker(
         SMALL.with_pose(replace(SMALL.pose, height_m=height_m)), fps=FPS
     )
-    lane = replace(other.update(DRIVE.frame(0.0)), state=FOUND, same_lane_share=0.9)
+    other.update(DRIVE.frame(0.0))
+    lane = replace(other.tracked_lane, state=FOUND, same_lane_share=0.9)
     assert lane.confidence > 0.9
     assert other.evidence
     tracker = LaneTracker(
