@@ -14,6 +14,7 @@ from benchmark import estimates, evaluation, systems
 from benchmark.estimates import DriveEstimates
 from benchmark.evaluation import (
     CUSTOM,
+    NO_LANE,
     BenchmarkDrive,
     PreparedDrive,
     cached_estimates,
@@ -24,8 +25,9 @@ from benchmark.evaluation import (
     run_benchmark,
     run_systems,
 )
+from benchmark.scores import Result, Row
 from benchmark.speed import describe_machine
-from benchmark.systems import SYSTEMS
+from benchmark.systems import DETECTOR, SYSTEMS, TRACKER
 from benchmark.tables import read_scores
 from lanes.camera import model
 from lanes.detect import birdseye
@@ -33,7 +35,7 @@ from lanes.video import images, reader
 from lanes.video.images import read_image
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
-from tests.support.command_line import WAIT_S, main, process
+from tests.support.command_line import main, process
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import ROOT
 
@@ -49,80 +51,90 @@ def folder(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def done(folder) -> subprocess.CompletedProcess:
-    command = process(
-        "benchmark", folder / "bend.mp4", "-o", folder / "out", "--workers", 2
-    )
-    # threads of several processes would wait for each other on a busy machine
+    """The command with two processes, its output below `folder`/out."""
+    words = [folder / "bend.mp4", "-o", folder / "out", "--workers", 2]
     environment = {
         "LANES_CACHE": str(folder / "cache"),
         "PATH": "",
         "HOME": str(folder),
+        # threads of several processes would wait for each other on a busy machine
         "OMP_NUM_THREADS": "1",
     }
-    return subprocess.run(
-        command,
+    done = subprocess.run(
+        process("benchmark", *words),
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=WAIT_S,
+        timeout=120,
         env=environment,
     )
-
-
-def custom(video: Path, difficulty: str = CUSTOM) -> BenchmarkDrive:
-    return BenchmarkDrive(video.stem, difficulty, "", video)
+    assert done.returncode == 0, done.stderr
+    return done
 
 
 @pytest.fixture(scope="module")
-def prepared(folder) -> PreparedDrive:
-    return prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+def rows(done, folder) -> list[Row]:
+    return read_scores(folder / "out" / "benchmark.csv")
 
 
-def test_every_system_is_in_the_table_and_the_tracker_is_correct(done, folder):
-    assert done.returncode == 0, done.stderr
-    rows = read_scores(folder / "out" / "benchmark.csv")
-    scenes = {row["system"]: row for row in rows if row["scene"] == "bend"}
-    assert list(scenes) == list(SYSTEMS)
-    assert len(rows) == 2 * len(scenes)  # with the totals
-    tracker = scenes["tracker"]
-    assert (tracker["frames"], tracker["available_share"], tracker["accuracy"]) == (
-        FRAMES,
-        1,
-        1,
-    )
-    assert 0 < tracker["lateral_5_20m_p95_m"] < 0.1
-    assert all(
-        row["time_median_ms"] > 0.2 and row["workers"] == 2 for row in scenes.values()
-    )
+def test_every_system_has_a_row_and_a_total(rows):
+    assert [row["scene"] for row in rows] == ["bend"] * 8 + ["all custom"] * 8
+    assert [row["system"] for row in rows] == [*SYSTEMS, *SYSTEMS]
+
+
+@pytest.mark.parametrize(
+    ("column", "value"),
+    [("frames", FRAMES), ("available_share", 1), ("accuracy", 1)],
+)
+def test_the_tracker_is_correct_in_every_frame(rows, column, value):
+    assert rows[SYSTEMS.index(TRACKER)][column] == value
+
+
+def test_the_tracker_has_a_small_error(rows):
+    assert 0 < rows[SYSTEMS.index(TRACKER)]["lateral_5_20m_p95_m"] < 0.1
+
+
+def test_the_rows_have_the_conditions_of_their_times(rows):
+    assert {row["workers"] for row in rows} == {2}
     assert {row["machine"] for row in rows} == {describe_machine()}
-    assert read_image(folder / "out" / "reliability.png").std() > 5
+    assert min(row["time_median_ms"] for row in rows) > 0.2
 
 
-def test_the_tables_fit_the_terminal_state_their_conditions_and_the_consistency(
-    done, folder
-):
-    assert max(map(len, done.stdout.splitlines()[:-1])) <= 120
-    conditions = (
+def test_the_tables_fit_the_terminal(done):
+    *tables, _ = done.stdout.splitlines()
+    assert max(map(len, tables)) <= 120
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "bend (custom, 5 frames)",
         "camera pose: true",
         "measured with 2 workers",
         "recipes state no confidence",
         describe_machine(),
-    )
-    for words in (
-        "bend (custom, 5 frames)",
-        *conditions,
         "| all custom | detector | 5 |",
         "custom, detector",
-    ):
-        assert words in done.stdout
+    ],
+)
+def test_the_tables_state_their_conditions(done, words):
+    assert words in done.stdout
+
+
+def test_the_consistency_is_that_of_tracker_and_detector(done, folder):
     rows = read_scores(folder / "out" / "consistency.csv", "nees_mean")
-    expected = [
-        (scene, system)
-        for scene in ("bend", "all custom")
-        for system in ("tracker", "detector")
+    assert [(row["scene"], row["system"]) for row in rows] == [
+        ("bend", TRACKER),
+        ("bend", DETECTOR),
+        ("all custom", TRACKER),
+        ("all custom", DETECTOR),
     ]
-    assert [(row["scene"], row["system"]) for row in rows] == expected
-    assert all(row["frames"] == FRAMES and row["offset_z_rms"] > 0 for row in rows)
+    assert {row["frames"] for row in rows} == {FRAMES}
+    assert min(row["offset_z_rms"] for row in rows) > 0
+
+
+def test_the_reliability_is_drawn(done, folder):
+    assert read_image(folder / "out" / "reliability.png").std() > 5
 
 
 @pytest.mark.parametrize(
@@ -143,67 +155,89 @@ def test_wrong_usage_is_reported(arguments, words, capsys):
     assert words in capsys.readouterr().err
 
 
-def test_the_scenes_are_listed_and_the_options_reach_the_run(monkeypatch, capsys):
-    """The committed video is variant 0 of its scene; another one is rendered."""
+def test_the_scenes_are_listed(capsys):
     assert main(["benchmark", "--list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(
-        list_drives()
-    )
-    asked = []
-    monkeypatch.setattr(
-        evaluation,
-        "run_benchmark",
-        lambda *given, **options: asked.append((*given, options)) or 1 / 0,
-    )
-    words = [
-        "motorway",
-        "--seed",
-        "3",
-        "--estimated-pose",
-        "--workers",
-        "2",
-        "--system",
-        "tracker,detector",
-    ]
-    with pytest.raises(ZeroDivisionError):
-        main(["benchmark", *words])
-    (((variant,), systems_asked, options),) = asked
-    assert (options["workers"], options["estimated_pose"]) == (2, True)
-    assert systems_asked == ["tracker", "detector"]
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(list_drives())
+
+
+@pytest.mark.parametrize("flags", [["--estimated-pose"], []])
+def test_the_options_reach_the_run(folder, tmp_path, capsys, monkeypatch, flags):
+    monkeypatch.setenv("LANES_CACHE", str(tmp_path))
+    words = [str(folder / "bend.mp4"), "--system", "tracker,detector", *flags]
+    assert main(["benchmark", *words, "-o", str(tmp_path / "out")]) == 0
+    rows = read_scores(tmp_path / "out" / "benchmark.csv")
+    assert [row["system"] for row in rows] == [TRACKER, DETECTOR] * 2
+    assert {row["pose"] for row in rows} == {"estimated" if flags else "true"}
+
+
+def test_a_scene_with_a_committed_video_is_its_variant_0():
     (drive,) = choose_drives(["motorway"])
-    assert (drive.video.name, drive.label) == ("project_video.mp4", "motorway")
-    assert (variant.video, variant.label, variant.difficulty) == (
-        None,
-        "motorway-3",
-        drive.difficulty,
-    )
-    monkeypatch.setattr(
-        "simulator.scenes.suite.render_scene",
-        lambda name, *, seed, **_: Path(f"{name}, seed {seed}"),
-    )
-    assert variant.require_video() == Path("motorway, seed 3")
+    assert drive.require_video().name == "project_video.mp4"
+    assert drive.label == "motorway"
 
 
-class TestEvaluation:
+def test_another_variant_of_a_scene_is_rendered(monkeypatch):
+    asked = []
+
+    def render_scene(name: str, *, seed: int, workers: int) -> Path:
+        asked.append((name, seed))
+        return Path("rendered.mp4")
+
+    monkeypatch.setattr("simulator.scenes.suite.render_scene", render_scene)
+    (drive,) = choose_drives(["motorway"])
+    (variant,) = choose_drives(["motorway"], seed=3)
+    assert variant.require_video() == Path("rendered.mp4")
+    assert asked == [("motorway", 3)]
+    assert variant.label == "motorway-3"
+    assert variant.difficulty == drive.difficulty
+
+
+def custom(video: Path, difficulty: str = CUSTOM) -> BenchmarkDrive:
+    return BenchmarkDrive(video.stem, difficulty, "", video)
+
+
+@pytest.fixture(scope="module")
+def prepared(folder) -> PreparedDrive:
+    return prepare_drive(custom(folder / "bend.mp4"), estimated_pose=False)
+
+
+class TestCache:
+    @pytest.fixture(autouse=True)
+    def computed(self, monkeypatch) -> list[PreparedDrive]:
+        """The drives whose estimates are computed."""
+        computed = []
+
+        def run(prepared: PreparedDrive, *_) -> list[DriveEstimates]:
+            computed.append(prepared)
+            return [DriveEstimates.from_frames([], [])]
+
+        monkeypatch.setattr(evaluation, "run_systems", run)
+        return computed
+
     def test_finished_estimates_are_not_computed_again(
-        self, prepared, tmp_path, monkeypatch
+        self, prepared, tmp_path, computed
     ):
-        path = cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1)
-        monkeypatch.setattr(
-            evaluation, "run_systems", lambda *_: pytest.fail("computed again")
-        )
-        assert (
-            cached_estimates((prepared, "tracker"), folder=tmp_path, workers=1) == path
-        )
-        pose = replace(prepared.camera.pose, pitch_rad=0.0)
-        other = replace(prepared, camera=prepared.camera.with_pose(pose))
-        for task in [
-            (other, "tracker"),
-            (prepared, "best_channel"),
-            (replace(prepared, markings=len), "tracker"),
-        ]:
-            with pytest.raises(pytest.fail.Exception, match="computed again"):
-                cached_estimates(task, folder=tmp_path, workers=1)
+        paths = {
+            cached_estimates((prepared, TRACKER), folder=tmp_path, workers=1)
+            for _ in range(2)
+        }
+        assert len(paths) == 1
+        assert computed == [prepared]
+
+    @pytest.mark.parametrize("change", ["pose", "system", "markings"])
+    def test_other_conditions_are_computed(self, prepared, tmp_path, computed, change):
+        drive, system = prepared, TRACKER
+        if change == "pose":
+            level = replace(prepared.camera.pose, pitch_rad=0.0)
+            drive = replace(prepared, camera=prepared.camera.with_pose(level))
+        elif change == "markings":
+            drive = replace(prepared, markings=len)
+        else:
+            system = "best_channel"
+        cached_estimates((prepared, TRACKER), folder=tmp_path, workers=1)
+        cached_estimates((drive, system), folder=tmp_path, workers=1)
+        assert len(computed) == 2
 
     @pytest.mark.parametrize(
         ("system", "source"),
@@ -222,64 +256,95 @@ class TestEvaluation:
         monkeypatch.setattr(
             Path, "read_bytes", lambda path: seen.add(path) or read_bytes(path)
         )
-        monkeypatch.setattr(
-            evaluation, "run_systems", lambda *_: [DriveEstimates.from_frames([], [])]
-        )
         cached_estimates((prepared, system), folder=tmp_path, workers=1)
-        common = (estimates, evaluation, systems, images, reader, model)
-        assert {Path(module.__file__) for module in (*common, source)} <= seen
+        modules = (estimates, evaluation, systems, images, reader, model, source)
+        assert {Path(module.__file__) for module in modules} <= seen
 
-    def test_a_drive_without_lines_has_an_estimated_pose_and_no_lane(self, tmp_path):
-        video = write_drive(tmp_path / "blank.mp4", replace(BENDS, lines=()), 2)
-        assert (
-            prepare_drive(custom(video), estimated_pose=True).camera.pose != SMALL.pose
-        )
-        (result,) = run_benchmark(
-            [custom(video)], ["tracker"], estimated_pose=True, folder=tmp_path
+
+class TestBlankDrive:
+    """A drive without lines, with its estimated pose."""
+
+    @pytest.fixture
+    def drive(self, tmp_path) -> BenchmarkDrive:
+        blank = replace(BENDS, lines=())
+        return custom(write_drive(tmp_path / "blank.mp4", blank, 2))
+
+    def test_its_pose_is_estimated(self, drive):
+        assert prepare_drive(drive, estimated_pose=True).camera.pose != SMALL.pose
+
+    def test_it_has_no_lane(self, drive, tmp_path):
+        [result] = run_benchmark(
+            [drive], [TRACKER], estimated_pose=True, folder=tmp_path
         )
         assert result.pose == "estimated"
         assert not result.errors.available.any()
 
-    def test_a_system_is_told_the_time_since_its_last_frame(
-        self, tmp_path, monkeypatch
-    ):
+
+class TestElapsedTime:
+    """Of a drive whose frames are at 0, 0.04, 0.2 and 0.24 s."""
+
+    @pytest.fixture
+    def told(self, tmp_path, monkeypatch) -> dict[float, list[float | None]]:
+        """By the frame rate of a system, the times that it is told."""
         with VideoWriter(tmp_path / "a.mp4", fps=25) as video:
             for time_s in (0.0, 0.04, 0.2, 0.24):
                 video.write(BENDS.frame(time_s), time_s)
-        told: list[float | None] = []
-        started = (lambda _, elapsed_s=None: told.append(elapsed_s)), (lambda _: {})
-        monkeypatch.setattr(
-            evaluation,
-            "start_system",
-            lambda *given, **_: told.append(given[2]) or started,
-        )
-        run_systems(
-            PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true"),
-            [("tracker", 1), ("tracker", 2)],
-        )
-        assert told[0] == 2 * told[1]
-        assert told[2:] == pytest.approx([None, None, 0.04, 0.16, 0.2, 0.04])
+        told: dict[float, list[float | None]] = {}
 
-    def test_video_and_truth_must_belong_together(self, folder, tmp_path):
-        assert read_truth(custom(folder / "bend.mp4")).exists.all()
-        assert not read_truth(custom(folder / "bend.mp4", "no lane")).exists.any()
+        def start(system: object, camera: object, fps: float, **_: object) -> tuple:
+            told[fps] = []
+            return (lambda _, elapsed_s: told[fps].append(elapsed_s)), (lambda _: {})
+
+        monkeypatch.setattr(evaluation, "start_system", start)
+        drive = PreparedDrive(custom(tmp_path / "a.mp4"), SMALL, "true")
+        run_systems(drive, [(TRACKER, 1), (TRACKER, 2)])
+        return told
+
+    def test_a_system_for_every_second_frame_has_half_the_rate(self, told):
+        every, every_second = told
+        assert every == 2 * every_second
+
+    def test_a_system_is_told_the_time_since_its_last_frame(self, told):
+        every, every_second = told.values()
+        assert every == pytest.approx([None, 0.04, 0.16, 0.04])
+        assert every_second == pytest.approx([None, 0.2])
+
+
+@pytest.mark.parametrize(("difficulty", "exists"), [(CUSTOM, True), (NO_LANE, False)])
+def test_a_scene_without_a_lane_has_no_true_lane(folder, difficulty, exists):
+    truth = read_truth(custom(folder / "bend.mp4", difficulty))
+    assert set(truth.exists) == {exists}
+
+
+class TestFilesOfADrive:
+    """Video and truth must belong together."""
+
+    @pytest.fixture
+    def video(self, folder, tmp_path) -> Path:
         for suffix in (".mp4", ".csv", ".yaml"):
-            (tmp_path / f"bend{suffix}").write_bytes(
-                (folder / f"bend{suffix}").read_bytes()
-            )
-        rows = (tmp_path / "bend.csv").read_text().splitlines()
-        (tmp_path / "bend.csv").write_text("\n".join(rows[:-1]) + "\n")
-        drive = custom(tmp_path / "bend.mp4")
-        with pytest.raises(
-            ValueError,
-            match="bend.mp4: 5 frames of estimates cannot .* 4 frames of truth",
-        ):
-            run_benchmark([drive], ["tracker"], folder=tmp_path)
-        (tmp_path / "bend.csv").write_text("frame\n0\n")
-        with pytest.raises(ValueError, match="bend.csv: lacks the column 'left_y05_m'"):
-            read_truth(drive)
-        (tmp_path / "bend.csv").unlink()
-        with pytest.raises(
-            FileNotFoundError, match="bend.csv: there is no such truth file"
-        ):
-            choose_drives([str(tmp_path / "bend.mp4")])
+            data = (folder / f"bend{suffix}").read_bytes()
+            (tmp_path / f"bend{suffix}").write_bytes(data)
+        return tmp_path / "bend.mp4"
+
+    def run(self, video: Path) -> list[Result]:
+        return run_benchmark([custom(video)], [TRACKER], folder=video.parent)
+
+    def test_a_missing_row_is_an_error(self, video):
+        truth = video.with_suffix(".csv")
+        *rows, _ = truth.read_text().splitlines()
+        truth.write_text("\n".join(rows) + "\n")
+        message = "bend.mp4: 5 frames of estimates cannot .* 4 frames of truth"
+        with pytest.raises(ValueError, match=message):
+            self.run(video)
+
+    def test_a_missing_column_is_an_error(self, video):
+        video.with_suffix(".csv").write_text("frame\n0\n")
+        message = "bend.csv: lacks the column 'left_y05_m'"
+        with pytest.raises(ValueError, match=message):
+            read_truth(custom(video))
+
+    def test_a_missing_truth_is_an_error(self, video):
+        video.with_suffix(".csv").unlink()
+        message = "bend.csv: there is no such truth file"
+        with pytest.raises(FileNotFoundError, match=message):
+            choose_drives([str(video)])

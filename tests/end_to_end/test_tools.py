@@ -8,27 +8,32 @@ from operator import attrgetter
 
 import numpy as np
 import pytest
+from tools.budgets import compare_sizes, measure_sizes
 
-from benchmark.errors import LaneTruth
+from benchmark.errors import FrameErrors, LaneTruth
 from benchmark.evaluation import drive_from_video, prepare_drive
+from benchmark.real_roads import ScoredLane
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.markings import finer_view
+from lanes.labels import EGO_SIDES, LaneColumns
+from lanes.score import score_still
 from lanes.tracking.tracker import TrackerSettings
 from simulator.road.truth import truth_row
+from tests.benchmark.test_bootstrap import result
 from tests.support.painted_drive import BENDS
 from tests.support.painted_roads import Road, dashcam
 from tests.support.project import ROOT
 from tools import fit_confidence
-from tools.ablation import ALL_ON, MECHANISMS, measure, with_value
-from tools.course_hours import (
-    MINUTES_A_CELL,
-    MINUTES_A_CODE_LINE,
-    MINUTES_A_QUESTION,
-    MINUTES_AN_EXERCISE,
-    WORDS_A_MINUTE,
-    Chapter,
-    hours_table,
-    measure_chapters,
+from tools.ablation import (
+    ALL_ON,
+    MECHANISMS,
+    REAL_COLUMNS,
+    RENDERED_COLUMNS,
+    Mechanism,
+    measure,
+    real_cells,
+    rendered_cells,
+    with_value,
 )
 from tools.fit_confidence import (
     PAINTED,
@@ -39,66 +44,126 @@ from tools.fit_confidence import (
     label_lanes,
     left_out,
     logistic,
+    print_calibration,
 )
 from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
-from tools.sizes import (
-    CodeLine,
-    Density,
-    code_lines,
-    count_words,
-    describe_sizes,
-    measure_densities,
-)
 
 
-@pytest.fixture(scope="module")
-def measurements():
-    """Without any change, and without rate steps, in a hairpin."""
-    drive = prepare_drive(
-        drive_from_video(ROOT / "test_videos" / "harder_challenge_video.mp4")
+class TestAblation:
+    def measure(self, mechanism: Mechanism) -> np.ndarray:
+        """The lateral errors in a hairpin."""
+        video = ROOT / "test_videos" / "harder_challenge_video.mp4"
+        drive = prepare_drive(drive_from_video(video))
+        return measure((mechanism, drive), end_s=0.4).lateral_m
+
+    def test_a_measurement_is_the_same_again(self):
+        again = self.measure(ALL_ON)
+        np.testing.assert_array_equal(self.measure(ALL_ON), again)
+
+    def test_a_strong_mechanism_changes_the_result(self):
+        (rate_steps,) = (one for one in MECHANISMS if one.name == "rate steps")
+        on, off = self.measure(ALL_ON), self.measure(rate_steps)
+        assert not np.array_equal(on, off, equal_nan=True)
+
+    @pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda one: one.name)
+    def test_each_mechanism_changes_its_settings(self, mechanism):
+        assert mechanism.settings() != TrackerSettings()
+
+    @pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda one: one.name)
+    def test_each_mechanism_changes_no_other_setting(self, mechanism):
+        default = TrackerSettings()
+        settings = mechanism.settings()
+        for path in mechanism.off:
+            usual = attrgetter(path)(default)
+            settings = with_value(settings, path.split("."), usual)
+        assert settings == default
+
+
+def still(share: float) -> ScoredLane:
+    """A still with this share of right points; from 0.85 on the image is right."""
+    rows = np.arange(400.0, 600.0, 10.0)
+    columns = np.array([np.full(20, 300.0), np.full(20, 900.0)])
+    label = LaneColumns("a", rows, columns, EGO_SIDES)
+    wrong = np.arange(20) >= 20 * share
+    found = LaneColumns("a", rows, columns + 200 * wrong, EGO_SIDES)
+    return ScoredLane(score_still(label, found))
+
+
+def test_cells_of_real_roads_are_without_minus_with_the_mechanism():
+    """Two stills in the first way, one in the second, none in the last."""
+    on = [[still(1.0), still(1.0)], [still(0.5)], []]
+    off = [[still(1.0), still(0.5)], [still(0.9)], []]
+    cells = real_cells(off, on)
+    assert dict(zip(REAL_COLUMNS[::2], cells[::2], strict=True)) == {
+        "own, points": "-25.0",
+        "set, points": "+40.0",
+        "clips, points": "+nan",
+    }
+    assert cells[1::2] == ["1 of 2", "1 of 1", "0 of 0"]
+
+
+def rendered(correct: int) -> FrameErrors:
+    """A drive of 25 frames, the first ones correct."""
+    return result(np.arange(25) < correct).errors
+
+
+def test_cells_of_rendered_drives_are_without_minus_with_the_mechanism():
+    """Two drives, of which one loses 10 of 25 frames: 20 points of all."""
+    cells = rendered_cells(
+        [with_nees(rendered(15)), with_nees(rendered(25))],
+        [with_nees(rendered(25)), with_nees(rendered(25))],
     )
-    (rate_steps,) = (
-        mechanism for mechanism in MECHANISMS if mechanism.name == "rate steps"
+    assert dict(zip(RENDERED_COLUMNS, cells, strict=True)) == {
+        "rendered": "80.0%",
+        "off minus on": "-20.0 (-40.0 to +0.0)",
+        "95 % error": "1.000 m",
+        "NEES / 4": "1.50",
+    }
+
+
+def with_nees(errors: FrameErrors) -> FrameErrors:
+    """The errors with a NEES / 4 of 1.5 in the frames of the own lane."""
+    frames = len(errors.exists)
+    return replace(
+        errors,
+        nees=np.full(frames, 1.5),
+        lane_change=np.zeros(frames, bool),
+        z=np.zeros((frames, 4)),
+        lines_z=np.zeros((frames, 2, 5)),
     )
-    return [
-        measure((mechanism, drive), end_s=0.4)
-        for mechanism in (ALL_ON, ALL_ON, rate_steps)
-    ]
 
 
-def test_a_strong_mechanism_changes_the_result_and_nothing_else_does(measurements):
-    on, again, off = (one.lateral_m for one in measurements)
-    np.testing.assert_array_equal(on, again)
-    assert not np.array_equal(on, off, equal_nan=True)
+class TestFitLogistic:
+    @pytest.fixture
+    def drawn(self) -> tuple[np.ndarray, np.ndarray]:
+        """Features and right lanes, drawn with the weights 1 and -2."""
+        rng = np.random.default_rng(3)
+        features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
+        return features, rng.random(4000) < logistic(features @ [1.0, -2.0])
+
+    def test_the_weights_are_found(self, drawn):
+        features, right = drawn
+        weights = fit_logistic(features, right, np.ones(4000))
+        np.testing.assert_allclose(weights, [1.0, -2.0], atol=0.2)
+
+    def test_a_fixed_weight_stays(self, drawn):
+        features, right = drawn
+        _, weight = fit_logistic(features, right, np.ones(4000), {1: -4.0})
+        assert weight == pytest.approx(-4.0)
 
 
-@pytest.mark.parametrize("mechanism", MECHANISMS, ids=lambda mechanism: mechanism.name)
-def test_each_mechanism_changes_exactly_its_settings(mechanism):
-    settings = mechanism.settings()
-    default = TrackerSettings()
-    assert settings != default
-    for path in mechanism.off:
-        settings = with_value(settings, path.split("."), attrgetter(path)(default))
-    assert settings == default
-
-
-def test_the_confidence_is_fitted_and_each_drive_says_nothing_of_itself():
+def test_each_drive_says_nothing_of_itself():
     """Each of ten drives has a feature of its own that tells all: only to those who
     have seen the drive.
     """
-    rng = np.random.default_rng(3)
-    features = np.column_stack([np.ones(4000), rng.normal(0, 2, 4000)])
-    right = rng.random(4000) < logistic(features @ [1.0, -2.0])
-    np.testing.assert_allclose(
-        fit_logistic(features, right, np.ones(4000)), [1.0, -2.0], atol=0.2
-    )
-    assert fit_logistic(features, right, np.ones(4000), {1: -4.0})[1] == pytest.approx(
-        -4.0
-    )
     drive = np.repeat(np.arange(10), 200)
-    features = np.column_stack([np.ones(2000), drive[:, None] == np.arange(10)])
+    own_feature = drive[:, None] == np.arange(10)
     table = Table(
-        features, drive % 2 == 0, np.ones(2000), np.full(2000, PAINTED), drive
+        features=np.column_stack([np.ones(2000), own_feature]),
+        right=drive % 2 == 0,
+        weight=np.ones(2000),
+        source=np.full(2000, PAINTED),
+        group=drive,
     )
     assert np.abs(left_out(table) - 0.5).max() < 0.2
 
@@ -107,46 +172,62 @@ def test_long_drives_count_no_more_than_short_ones():
     samples = [Sample(PAINTED, "long", {"constant": 1.0}, True)] * 1000
     samples += [Sample(PAINTED, "short", {"constant": 1.0}, False)] * 24
     table = Table.of(samples)
-    assert fit_logistic(table.features, table.right, table.weight)[0] == pytest.approx(
-        0.0, abs=1e-6
-    )
+    [constant] = fit_logistic(table.features, table.right, table.weight)
+    assert constant == pytest.approx(0.0, abs=1e-6)
 
 
-def test_the_constant_of_a_network_corrects_the_mean_confidence_if_any_lane_is_right(
-    monkeypatch,
-):
+def test_the_calibration_is_as_counted_by_hand(capsys):
+    """Two lanes of one drive, the first in the bins of 0.9 to 0.97 and to 1."""
+    confidence = np.array([0.95, 0.2])
+    print_calibration("real", confidence, np.array([True, False]), np.array([1, 1]))
+    words = "1 lanes, mean 95.0%, 100.0% correct (100.0% to 100.0%)"
+    assert capsys.readouterr().out.splitlines() == [
+        "real: 2 lanes, 50.0% correct, log loss 0.137",
+        "  confidence 0.10 to 0.30:     1 lanes, mean 20.0%, 0.0% correct "
+        "(0.0% to 0.0%)",
+        f"  confidence 0.90 to 0.97:     {words}",
+        f"  confidence 0.90 to 1.00:     {words}",
+        "  100.0% of the correct lanes have a confidence of 0.9 or more",
+    ]
+
+
+def test_the_constant_of_a_network_corrects_the_mean_confidence():
     log_odds = np.linspace(-4, 4, 4001)
     chance = np.random.default_rng(0).random(4001)
-    weight = 1 + (log_odds > 0)
-    assert fit_shift(
-        log_odds, chance < logistic(log_odds - 1.5), weight
-    ) == pytest.approx(-1.5, abs=0.1)
+    right = chance < logistic(log_odds - 1.5)
+    shift = fit_shift(log_odds, right, 1 + (log_odds > 0))
+    assert shift == pytest.approx(-1.5, abs=0.1)
+
+
+def test_a_network_without_a_right_lane_is_named(monkeypatch):
     monkeypatch.setattr("sys.argv", ["fit_confidence", "--markings", "model.onnx"])
-    monkeypatch.setattr("tools.fit_confidence.load_markings", lambda path: path)
-    monkeypatch.setattr(
-        "tools.fit_confidence.samples_of_painted_roads", lambda markings: []
-    )
-    with pytest.raises(
-        SystemExit, match=r"model\.onnx: no lane found with this network is right"
-    ):
+    monkeypatch.setattr(fit_confidence, "load_markings", lambda path: path)
+    monkeypatch.setattr(fit_confidence, "samples_of_painted_roads", lambda _: [])
+    message = r"model\.onnx: no lane found with this network is right"
+    with pytest.raises(SystemExit, match=message):
         fit_confidence.main()
 
 
-def test_lanes_are_judged_by_their_own_truth():
-    rows = [truth_row(BENDS.truth(i / 12.5), frame=i) for i in range(5)]
-    truth = LaneTruth.from_columns(
-        {name: np.array([row[name] for row in rows], float) for name in rows[0]}
-    )
-    frames = [BENDS.frame(i / 12.5) for i in range(5)]
-    followed, alone = label_lanes(frames, BENDS.camera, truth, group="bends")
-    assert [len(followed), len(alone)] == [5, 2]
-    assert all(one.right for one in followed + alone)
-    aside = replace(truth, lines_y_m=truth.lines_y_m + 0.3)
-    assert not any(
-        one.right
-        for some in label_lanes(frames, BENDS.camera, aside, group="")
-        for one in some
-    )
+class TestLabelledLanes:
+    """Of five frames of BENDS: tracked, and of every fourth frame alone."""
+
+    def label(self, shift_m: float) -> tuple[list[Sample], list[Sample]]:
+        """With the true lane, shifted."""
+        rows = [truth_row(BENDS.truth(frame / 12.5), frame=frame) for frame in range(5)]
+        columns = {name: np.array([row[name] for row in rows]) for name in rows[0]}
+        truth = LaneTruth.from_columns(columns)
+        truth = replace(truth, lines_y_m=truth.lines_y_m + shift_m)
+        images = [BENDS.frame(frame / 12.5) for frame in range(5)]
+        return label_lanes(images, BENDS.camera, truth, group="bends")
+
+    def test_lanes_on_the_true_lane_are_right(self):
+        tracked, alone = self.label(0.0)
+        assert [one.right for one in tracked] == [True] * 5
+        assert [one.right for one in alone] == [True] * 2
+
+    def test_lanes_beside_the_true_lane_are_not(self):
+        tracked, alone = self.label(0.3)
+        assert not any(one.right for one in tracked + alone)
 
 
 CAMERA = dashcam()
@@ -156,143 +237,112 @@ LEFT_M = 1.8
 RIGHT_M = -1.7
 
 
-def test_cells_are_labelled_where_pictures_with_and_without_lines_differ():
-    """Cells with paint are 1 within the width of the line, and 0 elsewhere; noise in
-    both pictures is no paint.
-    """
-    fine = finer_view(VIEW)
-    road = Road(CAMERA, noise=6.0)
-    bare = road.image()
-    for lateral_m in (LEFT_M, RIGHT_M):
-        road.line(lambda x, y=lateral_m: y + 0 * x)
-    label = label_cells(fine.warp(road.image()), fine.warp(bare))
-    assert label.shape == VIEW.shape
-    rows = VIEW.x_m < 20
-    beside_m = np.minimum(np.abs(VIEW.y_m - LEFT_M), np.abs(VIEW.y_m - RIGHT_M))
-    seen = VIEW.seen[rows]
-    assert np.all(label[rows][:, beside_m < 0.03][seen[:, beside_m < 0.03]] == 1)
-    assert np.all(label[rows][:, beside_m > 0.4][seen[:, beside_m > 0.4]] == 0)
+class TestCells:
+    """Of pictures with and without lines up to 20 m; noise in both is no paint."""
+
+    @pytest.fixture
+    def label(self) -> np.ndarray:
+        fine = finer_view(VIEW)
+        road = Road(CAMERA, noise=6.0)
+        bare = fine.warp(road.image())
+        road.line(lambda x_m: np.full_like(x_m, LEFT_M))
+        road.line(lambda x_m: np.full_like(x_m, RIGHT_M))
+        label = label_cells(fine.warp(road.image()), bare)
+        assert label.shape == VIEW.shape
+        return label
+
+    def labels_at(self, label: np.ndarray, beside: np.ndarray) -> set[int]:
+        """The labels of the visible cells in some columns, (columns,) bool."""
+        near = VIEW.x_m[:, None] < 20
+        return set(label[near & VIEW.seen & beside].tolist())
+
+    def distance_m(self) -> np.ndarray:
+        """(columns,) distance from the nearest line."""
+        left_m = np.abs(VIEW.y_m - LEFT_M)
+        return np.minimum(left_m, np.abs(VIEW.y_m - RIGHT_M))
+
+    def test_cells_of_a_line_are_paint(self, label):
+        assert self.labels_at(label, self.distance_m() < 0.03) == {1}
+
+    def test_cells_elsewhere_are_no_paint(self, label):
+        assert self.labels_at(label, self.distance_m() > 0.4) == {0}
 
 
 @pytest.mark.slow
-def test_samples_are_the_same_in_each_run_and_have_the_edges_of_their_road():
-    first, again = (take_sample(14) for _ in range(2))
-    np.testing.assert_array_equal(first.fine_image, again.fine_image)
-    np.testing.assert_array_equal(first.label, again.label)
-    assert len(first.label) == 2
-    assert set(np.unique(first.label)) == {0, 1, UNKNOWN}
-    assert 0.003 < (first.label == 1).mean() < 0.1
-    assert (first.label[1] == 1).any()
-    without_road = take_sample(20).label
-    assert set(np.unique(without_road)) <= {0, UNKNOWN}
-    assert 0 in without_road
+class TestSamples:
+    def test_a_sample_is_the_same_again(self):
+        first, again = take_sample(14), take_sample(14)
+        np.testing.assert_array_equal(first.fine_image, again.fine_image)
+        np.testing.assert_array_equal(first.label, again.label)
+
+    def test_a_sample_has_paint_and_the_edges_of_its_road(self):
+        paint, borders = take_sample(14).label
+        assert set(np.unique([paint, borders])) == {0, 1, UNKNOWN}
+        assert 0.003 < np.mean([paint == 1, borders == 1]) < 0.1
+        assert (borders == 1).any()
+
+    def test_a_sample_without_a_road_has_neither(self):
+        label = take_sample(20).label
+        assert set(np.unique(label)) <= {0, UNKNOWN}
+        assert 0 in label
 
 
-def test_worn_and_hidden_paint_is_connected_to_visible_paint_of_its_line():
-    """Cells of the line near visible paint are paint; those far from any are left open,
-    as is a blurred colour.
-    """
-    visible = np.zeros((60, 30), np.uint8)
-    lines = np.zeros((60, 30), bool)
-    lines[5:50, 14:17] = True
-    visible[[6, 12], 15] = 1
-    visible[8, 22] = 1
-    connected = connect_paint(visible, lines)
-    assert np.all(connected[5:23, 14:17] == 1)
-    assert np.all(connected[23:50, 14:17] == UNKNOWN)
-    assert connected[8, 22] == UNKNOWN
-    assert not connected[:, :13].any()
-    assert not connected[50:].any()
+class TestConnectedPaint:
+    """Of a line in rows 5 to 50 that is visible in rows 6 and 12."""
+
+    @pytest.fixture
+    def connected(self) -> np.ndarray:
+        visible = np.zeros((60, 30), np.uint8)
+        visible[[6, 12], 15] = 1
+        visible[8, 22] = 1
+        lines = np.zeros((60, 30), bool)
+        lines[5:50, 14:17] = True
+        return connect_paint(visible, lines)
+
+    def test_cells_of_the_line_near_visible_paint_are_paint(self, connected):
+        assert set(connected[5:23, 14:17].ravel()) == {1}
+
+    def test_cells_of_the_line_far_from_visible_paint_are_open(self, connected):
+        assert set(connected[23:50, 14:17].ravel()) == {UNKNOWN}
+
+    def test_a_blurred_colour_beside_the_line_is_open(self, connected):
+        assert connected[8, 22] == UNKNOWN
+
+    def test_other_cells_are_no_paint(self, connected):
+        assert not connected[:, :13].any()
+        assert not connected[50:].any()
 
 
-SOURCE = '''"""Module."""
-
-import os  # a comment
-
-
-class A:
-    """Docstring
-    of two lines."""
-
-    text = f"{os.name} and {1 + 2}"
-'''
-
-
-def test_tokens_of_code_are_counted_without_docstrings_and_comments():
-    """2 of the import, 3 of the class, 3 of the assignment: a text with fields is one
-    token in every Python.
-    """
-    assert [line.tokens for line in code_lines(SOURCE)] == [2, 3, 3]
-
-
-def test_wide_lines_and_the_line_that_nine_of_ten_do_not_exceed():
-    narrow = CodeLine(tokens=2, columns=88)
-    wide = CodeLine(tokens=12, columns=89)
-    density = Density.of([narrow] * 9 + [wide])
-    assert density == Density(
-        lines=10, tokens=30, mean=3.0, nine_of_ten=12, wide_share=0.1
+def test_sizes_are_counted_and_compared_with_their_budgets():
+    source = (
+        "A, B = 1, 2\nC = (0.5, -2 * 3)\nclass D:\n    e: int = 7\n    f: bool = True\n"
     )
-    assert Density.of([narrow] * 10 + [wide]).nine_of_ten == 2
-
-
-def test_packages_and_the_cells_of_the_notebook_are_counted():
     cells = [
         {"cell_type": "markdown", "source": ["two ", "words"]},
-        {"cell_type": "code", "source": "%magic\na = b"},
+        {"cell_type": "code", "source": "a b c"},
     ]
     files = {
-        "lanes/a.py": "a = 1\n",
-        "lanes/b/c.py": "b\n",
-        "tools/t.py": "import os\n",
-        "setup.py": "c\n",
+        "lanes/a.py": source,
+        "lanes/b/c.py": "G = 1\n",
+        "tools/t.py": "\n\n",
         "docs/a.md": "# One\ntwo three",
-        "project.ipynb": json.dumps({"cells": cells}),
     }
-    densities = measure_densities(files, ["lanes", "tools"])
-    tokens = {name: density.tokens for name, density in densities.items()}
-    assert tokens == {"lanes": 4, "tools": 2, "project.ipynb": 3, "everything": 7}
-    assert count_words(files) == {
-        "files of lanes": 2,
-        "words of pages": 4,
-        "words of project.ipynb": 2,
-    }
-
-
-def test_what_is_above_its_ceiling_is_named():
-    densities = {
-        "lanes": Density.of([CodeLine(7, 20)]),
-        "tools": Density.of([CodeLine(7, 20)]),
-    }
-    table, above = describe_sizes(
-        densities, {"words of pages": 5}, {"lanes": 6, "tools": 7, "words of pages": 4}
+    sizes = measure_sizes(
+        files | {"project.ipynb": json.dumps({"cells": cells})}, ["lanes", "tools"]
     )
-    assert above == ["lanes", "words of pages"]
-    assert [row.endswith("ABOVE") for row in table[1:]] == [True, False, True]
-
-
-def test_the_hours_of_a_chapter_count_what_there_is_to_do():
-    text = "## 3. Warp\n\n" + "word " * 117 + "**Question.** Why?"
-    cells = [
-        {"id": "ch03-01", "cell_type": "markdown", "source": [text]},
-        {"id": "ch03-02", "cell_type": "code", "source": ["a = 1\n", "\n", "b = 2"]},
-        {
-            "id": "ch03-03",
-            "cell_type": "code",
-            "source": 'course.check_exercise("3.1", a)',
-        },
-    ]
-    (chapter,) = measure_chapters({"cells": cells})
-    assert chapter == Chapter(
-        "3. Warp", words=122, code_cells=2, code_lines=3, questions=1, exercises=1
-    )
-    minutes = (
-        122 / WORDS_A_MINUTE
-        + 3 * MINUTES_A_CODE_LINE
-        + 2 * MINUTES_A_CELL
-        + MINUTES_A_QUESTION
-    )
-    assert 60 * chapter.hours == pytest.approx(minutes + MINUTES_AN_EXERCISE)
     assert (
-        hours_table([chapter, chapter]).splitlines()[-1]
-        == f"| **all** | 244 | 4 | 6 | 2 | 2 | {2 * chapter.hours:.1f} |"
-    )
+        sizes["lanes"],
+        sizes["tools"],
+        sizes["all Python"],
+        sizes["files of lanes"],
+    ) == (6, 2, 8, 2)
+    assert (
+        sizes["numbers of lanes"],
+        sizes["words of pages"],
+        sizes["words of project.ipynb"],
+    ) == (4, 4, 2)
+    lines, above = compare_sizes(sizes, {"lanes": 6, "tools": 1})
+    assert above == ["tools"] and [line.split()[1:4] for line in lines] == [
+        ["6", "of", "6"],
+        ["2", "of", "1"],
+    ]
