@@ -92,7 +92,8 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
     drive = PaintedDrive(straight_road(), lines, motion, camera=CAMERA.scaled((640, 360)), black_s=(5.2, np.inf))
     tracker, stated, before = LaneTracker(drive.camera, fps=FPS), [], (None, None)
     for time_s in np.arange(round(5.7 * FPS)) / FPS:
-        lane, lateral_m = tracker.update(drive.frame(time_s)), motion.pose(time_s).lateral_m
+        tracker.update(drive.frame(time_s))
+        lane, lateral_m = tracker.tracked_lane, motion.pose(time_s).lateral_m
         assert time_s < 5.2 or lane.state == COASTING
         for side, far in zip(SIDES, lane.adjacent, strict=True):
             stated.append((time_s, far is not None))

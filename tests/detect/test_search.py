@@ -10,7 +10,7 @@ import pytest
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PaintSettings, find_evidence
 from lanes.detect.fit import FitSettings
-from lanes.detect.search import DetectorSettings, find_lane, search_at_heights, search_lane
+from lanes.detect.search import DetectorSettings, detect_still, find_lane, search_at_heights, search_lane
 from tests.support.painted_roads import ASPHALT, YELLOW, Arc, Road, dashcam
 
 CAMERA = dashcam()
@@ -53,7 +53,7 @@ def test_hairpin(radius):
 @pytest.mark.parametrize("k", [0, 1])
 def test_one_line_missing(k):
     painted = bend(-0.2, 3.6, -0.01, -1 / 600)[k]
-    lane = find_lane(Road(CAMERA).line(painted).image(), CAMERA)
+    lane = detect_still(Road(CAMERA).line(painted).image(), CAMERA).lane
     seen, guessed = lane.lines[k], lane.lines[1 - k]
     # one line does not show the pitch, which moves it by centimetres nearby and by decimetres far away
     error_m = np.abs(seen.y(X_M) - painted(X_M))
