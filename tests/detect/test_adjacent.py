@@ -146,7 +146,8 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
     stated = []
     before = (None, None)
     for time_s in np.arange(round(5.7 * FPS)) / FPS:
-        lane = tracker.update(drive.frame(time_s))
+        tracker.update(drive.frame(time_s))
+        lane = tracker.tracked_lane
         lateral_m = motion.pose(time_s).lateral_m
         assert time_s < 5.2 or lane.state == COASTING
         for side, far in zip(SIDES, lane.adjacent, strict=True):

@@ -12,7 +12,7 @@ import pytest
 from lanes.detect.confidence import WEIGHTS
 from lanes.detect.lane import FOUND, TRACKING, Lane, LineEvidence
 from lanes.detect.road import CENTRE, CURVATURE, WIDTH
-from lanes.detect.search import find_lane
+from lanes.detect.search import detect_still
 from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
 from tests.support.painted_drive import SMALL as SMALL_CAMERA
@@ -143,11 +143,8 @@ def test_nothing_is_found_with_confidence_where_there_is_no_road():
     """44 pictures that the confidence was not fitted on; of floors that converge like a
     road, also a pose is found.
     """
-    lanes = [
-        find_lane(not_a_road(kind, seed), CAMERA)
-        for kind in KINDS
-        for seed in range(100, 104)
-    ]
+    images = [not_a_road(kind, seed) for kind in KINDS for seed in range(100, 104)]
+    lanes = [detect_still(image, CAMERA).lane for image in images]
     confidences = [lane.confidence for lane in lanes if lane]
     assert len(confidences) > 10
     assert max(confidences) < 0.5
