@@ -1094,7 +1094,7 @@ class Thresholds:
     """The binaries of a recipe."""
 
     # all binaries (height, width) of an RGB image by name, with one called "combined"
-    masks: Callable[[Array], dict[str, Binary]]
+    masks: Callable[[Image], dict[str, Binary]]
     # those among which the best one is chosen for each line of a video, in this order
     candidates: Sequence[str] = ("combined",)
 
@@ -1836,9 +1836,9 @@ def read_video(
 ) -> Iterator[Image]:
     """Yield the frames of a video with start_s <= time < end_s, in order.
 
-    Each is an image of its own, which may be changed.
-    Raises OSError if the file cannot be read, ValueError if there is no frame in that
-    time. Warns if the file has fewer frames than it says.
+    Each is an image of its own, which may be changed. Raises OSError if the file cannot
+    be read, ValueError if there is no frame in that time. Warns if the file has fewer
+    frames than it says.
     """
     last_s = np.inf if end_s is None else end_s
     if not 0 <= start_s < last_s:
@@ -1853,14 +1853,14 @@ def read_video(
         number = 0
         while number < first and capture.grab():
             number += 1
-        if number < first:
-            raise ValueError(f"{path}: has no frame at {start_s} s; it ends before.")
-        while number < end:
+        while first <= number < end:
             is_there, bgr = capture.read()
             if not is_there:
                 break
             yield cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)
             number += 1
+    if number <= first:
+        raise ValueError(f"{path}: has no frame at {start_s} s; it ends before.")
     if number < min(end, announced):
         warnings.warn(
             f"{path}: only {number} of {announced} frames can be read: it is damaged, "
@@ -1906,8 +1906,8 @@ def process_video(
             row: Row = {}
             if isinstance(returned, tuple):
                 returned, row = returned
-            yield require_rgb(returned)
             rows.append({"frame": number, "time_s": round(number / fps, 6), **row})
+            yield require_rgb(returned)
 
     # the sound of the same time, if there is any
     sound_filter = f"atrim=start={start_s},asetpts=PTS-STARTPTS"

@@ -2,8 +2,10 @@
 
 import csv
 
+import av
 import numpy as np
 import pytest
+from moviepy.video.io.ffmpeg_writer import FFMPEG_VideoWriter
 from pytest import approx
 
 from helpers import process_video, read_video
@@ -11,6 +13,7 @@ from lanes.video.reader import inspect_video
 from lanes.video.reader import read_video as read_video_by_lanes
 from tests.support.clips import encode
 from tests.support.project import names
+from tests.video.sample_videos import tone_starts_s
 
 parametrize = pytest.mark.parametrize
 
@@ -67,6 +70,8 @@ def test_a_part_is_read_from_its_start_to_before_its_end(
     ("start_s", "end_s", "sentence"),
     [
         (2.0, None, "has no frame at 2.0 s"),
+        # the end of the last frame
+        (1.2, None, "has no frame at 1.2 s"),
         (1.0, 1.0, "there is no time"),
         (-1.0, 1.0, "no time"),
     ],
@@ -115,13 +120,17 @@ def test_every_frame_is_processed_once_and_written_once(clip, tmp_path):
     assert names(target.parent) == {"dark.mp4"}
 
 
-@parametrize("start_s", [0.0, 0.4])
-def test_rate_and_sound_are_those_of_the_source(clip, tmp_path, start_s):
+@parametrize(("start_s", "end_s"), [(0.0, None), (0.4, None), (0.2, 0.8)])
+def test_rate_and_sound_are_those_of_the_source(clip, tmp_path, start_s, end_s):
+    """The tone of the clip starts at 0.6 s."""
     target = tmp_path / "copy.mp4"
-    count = process_video(clip, target, np.copy, start_s=start_s)
+    count = process_video(clip, target, np.copy, start_s=start_s, end_s=end_s)
     info = inspect_video(target)
     assert (info.frames, info.fps, info.has_audio) == (count, 25, True)
     assert info.duration_s == approx(count / 25, abs=0.03)
+    assert start_s + tone_starts_s(target) == approx(0.6, abs=0.03)
+    with av.open(str(target)) as video:
+        assert float(video.duration / av.time_base) == approx(count / 25, abs=0.05)
 
 
 def test_a_source_without_sound_gives_a_video_without_sound(tmp_path):
@@ -135,8 +144,10 @@ def test_odd_sizes_are_padded_for_players(clip, tmp_path):
         return frame[:47, :63]
 
     process_video(clip, tmp_path / "odd.mp4", cut, end_s=0.2)
-    info = inspect_video(tmp_path / "odd.mp4")
-    assert (info.width, info.height) == (64, 48)
+    frame = next(read_video(tmp_path / "odd.mp4"))
+    assert frame.shape == (48, 64, 3)
+    # the last row and column are repeated
+    assert np.ptp(frame) <= 2
 
 
 def test_telemetry_has_a_row_for_each_frame(clip, tmp_path):
@@ -170,6 +181,20 @@ def test_a_function_that_fails_leaves_the_earlier_video_and_nothing_else(
         process_video(clip, target, stop_at_ten, telemetry=tmp_path / "a.csv")
     assert target.read_bytes() == b"earlier"
     assert names(tmp_path) == {"a.mp4"}
+
+
+def test_a_video_that_is_not_written_whole_is_not_kept(clip, tmp_path, monkeypatch):
+    """As on a full disk."""
+    write_frame = FFMPEG_VideoWriter.write_frame
+
+    def write_bright_frames(writer, image):
+        if number_of(image) >= 10:
+            write_frame(writer, image)
+
+    monkeypatch.setattr(FFMPEG_VideoWriter, "write_frame", write_bright_frames)
+    with pytest.raises(OSError, match=r"a\.mp4: only 20 of 30 frames"):
+        process_video(clip, tmp_path / "a.mp4", np.copy)
+    assert names(tmp_path) == set()
 
 
 def return_floats(frame):
