@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import re
+from collections.abc import Callable, Iterator
+from functools import cache
 from importlib import import_module
 from itertools import takewhile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,45 +20,32 @@ import lanes
 from benchmark.consistency import consistency_table
 from benchmark.tables import read_scores
 from lanes.__main__ import COMMANDS
+from tests.support.painted_roads import LaneRoad, paint_lane
 from tests.support.project import ROOT
-from tools.course_hours import hours_table, measure_chapters
 
-# Commands that are modules, imported when they are needed; those of `lanes` are
-# classes.
-MODULES = {"benchmark": "benchmark.__main__", "simulator": "simulator.__main__"}
-MODULES |= {name: name for name in ("benchmark.real_roads", "tools.ablation")}
-MODULES["course.grading"] = "course.grading.__main__"
-KNOWN = {*COMMANDS, *MODULES}
-# Options of git, pip, Dask, nbconvert, nbval, YOLOP, Docker and unshare.
-OF_OTHERS = {
-    "--require-hashes",
-    "--depth",
-    "--version",
-    "--nworkers",
-    "--nthreads",
-    "--lifetime",
-    "--lifetime-stagger",
+# Commands that are modules, imported when needed; those of `lanes` are classes.
+MODULES = {
+    "benchmark": "benchmark.__main__",
+    "benchmark.real_roads": "benchmark.real_roads",
+    "simulator": "simulator.__main__",
+    "tools.ablation": "tools.ablation",
 }
-OF_OTHERS |= {
-    "--to",
+KNOWN = {*COMMANDS, *MODULES}
+# Options of git, pip, Dask, nbconvert and YOLOP.
+OF_OTHERS = {
+    "--depth",
     "--execute",
     "--inplace",
-    "--width",
+    "--lifetime",
+    "--lifetime-stagger",
+    "--nthreads",
+    "--nworkers",
+    "--require-hashes",
+    "--to",
     "--validate-label",
-    "--nbval",
-    "--map-root-user",
-    "--net",
+    "--version",
+    "--width",
 }
-OF_OTHERS |= {
-    "--rm",
-    "--network",
-    "--memory",
-    "--cpus",
-    "--pids-limit",
-    "--cap-drop",
-    "--security-opt",
-}
-OF_OTHERS |= {"--user", "--env", "--tmpfs", "--read-only", "--volume", "--workdir"}
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
 BENCHMARK = ROOT / "docs" / "benchmark"
@@ -65,89 +54,150 @@ PAGES = [
     ROOT / "CONTRIBUTING.md",
     *sorted((ROOT / "docs").rglob("*.md")),
 ]
-each_page = pytest.mark.parametrize(
-    "page", PAGES, ids=lambda page: str(page.relative_to(ROOT))
-)
 
 
+def read(page: Path) -> str:
+    return page.read_text(encoding="utf-8")
+
+
+def name_of(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+each_page = pytest.mark.parametrize("page", PAGES, ids=name_of)
+
+
+@cache
 def options_of(command: str) -> set[str]:
+    source = COMMANDS.get(command) or import_module(MODULES[command])
     parser = argparse.ArgumentParser()
-    (COMMANDS.get(command) or import_module(MODULES[command])).add_arguments(parser)
-    return {option for action in parser._actions for option in action.option_strings}
+    source.add_arguments(parser)
+    options = set()
+    for action in parser._actions:
+        options.update(action.option_strings)
+    return options
 
 
 @each_page
-def test_the_links_modules_and_helpers_that_are_named_exist(page):
-    text = page.read_text(encoding="utf-8")
-    targets = [target.split("#")[0] for target in re.findall(r"\]\(([^)\s]+)\)", text)]
-    assert not [
-        at
-        for at in targets
-        if not at.startswith(("http:", "https:")) and not (page.parent / at).exists()
-    ]
+def test_the_targets_of_links_exist(page):
+    for target in re.findall(r"\]\(([^)\s]+)\)", read(page)):
+        path, _, _ = target.partition("#")
+        is_file = not path.startswith(("http:", "https:"))
+        assert not is_file or (page.parent / path).exists(), target
+
+
+@each_page
+def test_the_modules_that_are_named_exist(page):
     packages = "lanes|simulator|benchmark|course|tests|tools"
-    paths = re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", text)
-    assert not [path for path in paths if not (ROOT / path).exists()]
-    without_commands = re.sub(r"python -m \S+", "", text)
-    for module in (helpers, course):
-        named = set(
-            re.findall(rf"(?<![\w/]){module.__name__}\.([a-z_]+)", without_commands)
-        ) - {"py"}
-        assert not [name for name in named if not hasattr(module, name)]
+    for path in re.findall(rf"`((?:{packages})/[\w/]*(?:\.py)?/?)`", read(page)):
+        assert (ROOT / path).exists(), path
 
 
 @each_page
-def test_commands_and_their_options_exist(page):
-    text = page.read_text(encoding="utf-8")
-    for command, rest in re.findall(
-        r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)", text
-    ):
-        if command in {"lanes"} | MODULES_OF_OTHERS:
-            continue
-        if command.startswith("tools.") and command not in KNOWN:
-            assert (ROOT / f"{command.replace('.', '/')}.py").exists(), command
-            continue
-        assert command in KNOWN, command
-        options = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", rest.split("#")[0]))
-        assert options <= options_of(command), command
-    known = set().union(*map(options_of, KNOWN)) | OF_OTHERS
-    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)) <= known
+@pytest.mark.parametrize("module", [helpers, course], ids=["helpers", "course"])
+def test_the_functions_that_are_named_exist(page, module):
+    for name in re.findall(rf"(?<![\w/]){module.__name__}\.([a-z_]+)", read(page)):
+        assert name == "py" or hasattr(module, name), name
+
+
+def commands_of(page: Path) -> Iterator[tuple[str, str]]:
+    """Our commands on a page, each with the rest of its line."""
+    pattern = r"python -m (?:lanes )?([a-z]+(?:\.[a-z_]+)?)\b([^`\n]*)"
+    for command, rest in re.findall(pattern, read(page)):
+        if command not in {"lanes"} | MODULES_OF_OTHERS:
+            yield command, rest
+
+
+@each_page
+def test_the_commands_exist(page):
+    for command, _ in commands_of(page):
+        tool = ROOT / f"{command.replace('.', '/')}.py"
+        is_tool = command.startswith("tools.") and tool.exists()
+        assert is_tool or command in KNOWN, command
+
+
+@each_page
+def test_the_commands_have_the_options_that_are_given(page):
+    for command, rest in commands_of(page):
+        if command in KNOWN:
+            words, _, _ = rest.partition("#")
+            given = set(re.findall(r"(?<!\S)--?[a-z][a-z-]*", words))
+            assert given <= options_of(command), command
+
+
+@each_page
+def test_the_options_that_are_named_exist(page):
+    known = OF_OTHERS.union(*map(options_of, KNOWN))
+    assert set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", read(page))) <= known
 
 
 def test_names_of_lanes_exist():
-    """In the Python of the pages, and where the text calls or names them; not the paths
-    of modules.
+    """In the Python of the pages, and where the text calls or names them.
+
+    Paths of modules are left out.
     """
-    text = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
+    text = "\n".join(map(read, PAGES))
     named = set(re.findall(r"(?<![\w./])lanes\.([A-Za-z_]+)(?=\(|`)", text))
-    assert {"find_lane", "LaneTracker", "LaneError"} <= named <= set(lanes.__all__)
+    assert named >= {"find_lane", "LaneTracker", "LaneError"}
+    assert named <= set(lanes.__all__)
 
 
-def test_the_finder_of_the_guide_finds_a_lane():
-    text = (ROOT / "docs" / "own_finder.md").read_text("utf-8")
-    names = {}
-    exec(re.search(r"```python\n(# my_finder.py.*?)```", text, re.DOTALL)[1], names)
-    camera = lanes.load_camera(ROOT / "test_videos" / "project_video.yaml")
-    image = helpers.read_image(ROOT / "test_images" / "straight_lines1.jpg")
-    left, right = (np.polyval(line, 10.0) for line in names["my_finder"](image, camera))
-    assert 2.5 < left - right < 4.5
-    assert names["my_finder"](np.zeros_like(image), camera) is None
+class TestOwnFinder:
+    """The finder of docs/own_finder.md."""
+
+    @pytest.fixture
+    def camera(self) -> lanes.Camera:
+        return lanes.load_camera(ROOT / "test_videos" / "project_video.yaml")
+
+    @pytest.fixture
+    def find(self, camera) -> Callable:
+        """The function of an image by the camera."""
+        text = read(ROOT / "docs" / "own_finder.md")
+        code = re.search(r"```python\n(# my_finder.py.*?)```", text, re.DOTALL)[1]
+        names: dict[str, Any] = {}
+        exec(code, names)
+        return lambda image: names["my_finder"](image, camera)
+
+    def test_the_lane_of_a_straight_road_has_its_width(self, find):
+        image = helpers.read_image(ROOT / "test_images" / "straight_lines1.jpg")
+        left_m, right_m = (np.polyval(line, 10.0) for line in find(image))
+        assert 2.5 < left_m - right_m < 4.5
+
+    @pytest.mark.parametrize("curvature_per_m", [1 / 500, -1 / 500])
+    def test_the_lines_of_a_bend_have_its_curvature(
+        self, find, camera, curvature_per_m
+    ):
+        road = LaneRoad(curvature_per_m=curvature_per_m, offset_m=0.3)
+        for line in find(paint_lane(road, camera)):
+            assert line[0] == pytest.approx(curvature_per_m / 2, rel=0.2)
+
+    def test_the_lines_of_a_bend_are_beside_the_car(self, find, camera):
+        """The lane is 3.7 m wide, and the car 0.3 m left of its centre."""
+        road = LaneRoad(curvature_per_m=1 / 500, offset_m=0.3)
+        (*_, left_m), (*_, right_m) = find(paint_lane(road, camera))
+        assert [left_m, right_m] == pytest.approx([1.55, -2.15], abs=0.03)
+
+    def test_a_black_image_has_no_lane(self, find):
+        assert find(np.zeros((720, 1280, 3), np.uint8)) is None
 
 
 def test_each_kind_of_robustness_names_a_test_that_exists():
     """In every table of the page whose last column is the test."""
-    lines = (ROOT / "docs" / "robustness.md").read_text(encoding="utf-8").splitlines()
+    lines = read(ROOT / "docs" / "robustness.md").splitlines()
     rows: list[list[str]] = []
-    for n, line in enumerate(lines):
+    for number, line in enumerate(lines):
         if line.startswith("|") and cells_of(line)[-1] == "test":
-            rows += map(
-                cells_of, takewhile(lambda row: row.startswith("|"), lines[n + 2 :])
-            )
+            rows += map(cells_of, takewhile(is_row, lines[number + 2 :]))
     assert len(rows) >= 20
     for kind, *_, test in rows:
         named = re.fullmatch(r"`(tests/[\w/]+\.py)::(\w+)`", test)
         assert named, f"{kind}: names no test"
-        assert f"def {named[2]}(" in (ROOT / named[1]).read_text(encoding="utf-8"), test
+        path, function = named.groups()
+        assert f"def {function}(" in read(ROOT / path), test
+
+
+def is_row(line: str) -> bool:
+    return line.startswith("|")
 
 
 def cells_of(line: str) -> list[str]:
@@ -155,51 +205,49 @@ def cells_of(line: str) -> list[str]:
 
 
 def table_of(page: Path, *headings: str) -> list[list[str]]:
-    """The first table of a page whose first columns have these headings: its header and
-    its rows.
+    """The first table of a page whose first columns have these headings.
+
+    Its header and its rows.
     """
-    lines = page.read_text(encoding="utf-8").splitlines()
-    start = next(
-        n
-        for n, line in enumerate(lines)
-        if cells_of(line)[: len(headings)] == list(headings)
+    lines = read(page).splitlines()
+    other = takewhile(
+        lambda line: cells_of(line)[: len(headings)] != [*headings], lines
     )
-    header, _, *rows = map(
-        cells_of, takewhile(lambda line: line.startswith("|"), lines[start:])
-    )
+    table = takewhile(is_row, lines[len(list(other)) :])
+    header, _, *rows = map(cells_of, table)
     return [header, *rows]
 
 
-@pytest.mark.parametrize(
-    "page", [ROOT / "README.md", BENCHMARK / "README.md"], ids=["short", "long"]
-)
-def test_the_tables_of_scores_are_those_of_the_benchmark(page):
-    """They have some of the scenes and of the systems, and all sums."""
-    header, _, *lines = map(
-        cells_of, course.results_table(BENCHMARK / "benchmark.csv").splitlines()
-    )
-    known = {tuple(line[:2]): dict(zip(header, line, strict=True)) for line in lines}
-    columns, *rows = table_of(page, *header[:2])
-    assert {tuple(row[:2]) for row in rows} >= {
-        key for key in known if key[0].startswith("all ")
-    }
+@pytest.fixture(params=[ROOT / "README.md", BENCHMARK / "README.md"], ids=name_of)
+def page(request) -> Path:
+    return request.param
+
+
+@pytest.fixture
+def scores() -> dict[tuple[str, str], dict[str, str]]:
+    """The cells of the benchmark by scene and difficulty, each by its heading."""
+    table = course.results_table(BENCHMARK / "benchmark.csv").splitlines()
+    header, _, *rows = map(cells_of, table)
+    return {(row[0], row[1]): dict(zip(header, row, strict=True)) for row in rows}
+
+
+def test_the_tables_of_scores_have_all_sums(page, scores):
+    """And some of the scenes and of the systems."""
+    columns, *rows = table_of(page, "scene", "difficulty")
+    totals = {key for key in scores if key[0].startswith("all ")}
+    assert {(row[0], row[1]) for row in rows} >= totals
     assert len(rows) >= 10
     assert len(columns) >= 6
+
+
+def test_the_tables_of_scores_are_those_of_the_benchmark(page, scores):
+    columns, *rows = table_of(page, "scene", "difficulty")
     for row in rows:
-        assert row == [known[tuple(row[:2])][column] for column in columns]
+        cells = scores[row[0], row[1]]
+        assert row == [cells[column] for column in columns]
 
 
 def test_the_table_of_uncertainties_is_that_of_the_benchmark():
-    page = (BENCHMARK / "README.md").read_text(encoding="utf-8").splitlines()
-    assert set(
-        consistency_table(
-            read_scores(BENCHMARK / "consistency.csv", "nees_mean")
-        ).splitlines()
-    ) <= set(page)
-
-
-def test_the_table_of_hours_is_that_of_the_notebook():
-    """`python -m tools.course_hours` prints it."""
-    page = (ROOT / "docs" / "teaching.md").read_text(encoding="utf-8")
-    notebook = json.loads((ROOT / "project.ipynb").read_text(encoding="utf-8"))
-    assert hours_table(measure_chapters(notebook)) in page
+    rows = read_scores(BENCHMARK / "consistency.csv", "nees_mean")
+    table = consistency_table(rows).splitlines()
+    assert set(table) <= set(read(BENCHMARK / "README.md").splitlines())
