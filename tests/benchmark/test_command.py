@@ -35,7 +35,7 @@ from lanes.video import images, reader
 from lanes.video.images import read_image
 from lanes.video.writer import VideoWriter
 from tests.support.clips import write_drive
-from tests.support.command_line import main, process
+from tests.support.command_line import WAIT_S, main, process
 from tests.support.painted_drive import BENDS, SMALL
 from tests.support.project import ROOT
 
@@ -65,7 +65,7 @@ def done(folder) -> subprocess.CompletedProcess:
         cwd=ROOT,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=WAIT_S,
         env=environment,
     )
     assert done.returncode == 0, done.stderr

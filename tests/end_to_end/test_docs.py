@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -22,29 +23,47 @@ from benchmark.tables import read_scores
 from lanes.__main__ import COMMANDS
 from tests.support.painted_roads import LaneRoad, paint_lane
 from tests.support.project import ROOT
+from tools.course_hours import hours_table, measure_chapters
 
 # Commands that are modules, imported when needed; those of `lanes` are classes.
 MODULES = {
     "benchmark": "benchmark.__main__",
     "benchmark.real_roads": "benchmark.real_roads",
+    "course.grading": "course.grading.__main__",
     "simulator": "simulator.__main__",
     "tools.ablation": "tools.ablation",
 }
 KNOWN = {*COMMANDS, *MODULES}
-# Options of git, pip, Dask, nbconvert and YOLOP.
+# Options of git, pip, Dask, labelme, nbconvert, nbval, YOLOP, Docker and unshare.
 OF_OTHERS = {
+    "--cap-drop",
+    "--cpus",
     "--depth",
+    "--env",
     "--execute",
     "--inplace",
     "--lifetime",
     "--lifetime-stagger",
+    "--map-root-user",
+    "--memory",
+    "--nbval",
+    "--net",
+    "--network",
     "--nthreads",
     "--nworkers",
+    "--pids-limit",
+    "--read-only",
     "--require-hashes",
+    "--rm",
+    "--security-opt",
+    "--tmpfs",
     "--to",
+    "--user",
     "--validate-label",
     "--version",
+    "--volume",
     "--width",
+    "--workdir",
 }
 # Modules of other projects that README and docs start.
 MODULES_OF_OTHERS = {"pip", "pytest", "venv", "build"}
@@ -251,3 +270,11 @@ def test_the_table_of_uncertainties_is_that_of_the_benchmark():
     rows = read_scores(BENCHMARK / "consistency.csv", "nees_mean")
     table = consistency_table(rows).splitlines()
     assert set(table) <= set(read(BENCHMARK / "README.md").splitlines())
+
+
+def test_the_table_of_hours_is_that_of_the_notebook():
+    """`python -m tools.course_hours` prints it."""
+    notebook = json.loads(read(ROOT / "project.ipynb"))
+    assert hours_table(measure_chapters(notebook)) in read(
+        ROOT / "docs" / "teaching.md"
+    )

@@ -100,9 +100,10 @@ def imported_packages() -> set[str]:
 
 
 def test_the_dependencies_are_what_lanes_imports():
-    # Dask and distributed are one extra, rosbags and mcap another. ipywidgets comes
-    # with Jupyter, moviepy with the course.
-    optional = {"dask", "distributed", "ipywidgets", "mcap", "moviepy", "rosbags"}
+    # distributed (Dask) is of the extra cluster, onnx and onnxruntime of network, the
+    # others of ros. ipywidgets comes with Jupyter, moviepy with the course.
+    optional = {"distributed", "ipywidgets", "mcap", "mcap-protobuf-support", "moviepy"}
+    optional |= {"onnx", "onnxruntime", "rosbags"}
     assert imported_packages() - optional == by_name(PROJECT["dependencies"]).keys()
 
 

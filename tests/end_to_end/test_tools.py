@@ -1,14 +1,12 @@
-"""The tools: ablation, fit of the confidence, samples for the network, sizes."""
+"""The tools: ablation, fit of the confidence, samples for the network."""
 
 from __future__ import annotations
 
-import json
 from dataclasses import replace
 from operator import attrgetter
 
 import numpy as np
 import pytest
-from tools.budgets import compare_sizes, measure_sizes
 
 from benchmark.errors import FrameErrors, LaneTruth
 from benchmark.evaluation import drive_from_video, prepare_drive
@@ -311,38 +309,3 @@ class TestConnectedPaint:
     def test_other_cells_are_no_paint(self, connected):
         assert not connected[:, :13].any()
         assert not connected[50:].any()
-
-
-def test_sizes_are_counted_and_compared_with_their_budgets():
-    source = (
-        "A, B = 1, 2\nC = (0.5, -2 * 3)\nclass D:\n    e: int = 7\n    f: bool = True\n"
-    )
-    cells = [
-        {"cell_type": "markdown", "source": ["two ", "words"]},
-        {"cell_type": "code", "source": "a b c"},
-    ]
-    files = {
-        "lanes/a.py": source,
-        "lanes/b/c.py": "G = 1\n",
-        "tools/t.py": "\n\n",
-        "docs/a.md": "# One\ntwo three",
-    }
-    sizes = measure_sizes(
-        files | {"project.ipynb": json.dumps({"cells": cells})}, ["lanes", "tools"]
-    )
-    assert (
-        sizes["lanes"],
-        sizes["tools"],
-        sizes["all Python"],
-        sizes["files of lanes"],
-    ) == (6, 2, 8, 2)
-    assert (
-        sizes["numbers of lanes"],
-        sizes["words of pages"],
-        sizes["words of project.ipynb"],
-    ) == (4, 4, 2)
-    lines, above = compare_sizes(sizes, {"lanes": 6, "tools": 1})
-    assert above == ["tools"] and [line.split()[1:4] for line in lines] == [
-        ["6", "of", "6"],
-        ["2", "of", "1"],
-    ]
