@@ -49,9 +49,6 @@ def test_every_system_is_timed(of_frames):
     assert min(min(times) for times in of_frames.values()) > 0
 
 
-def test_a_cold_tracker_takes_longer(of_frames):
-
-
 def test_every_way_to_process_a_file_is_timed(of_files):
     assert list(of_files) == [TRANSCODED, "through RGB", "annotated"]
     assert min(min(times) for times in of_files.values()) > 0
