@@ -283,7 +283,7 @@ def unevenness(grid: Array, points: Array) -> float:
     homography, _ = cv2.findHomography(points[:, :2], pixels)
     if homography is None:
         return np.inf
-    even = cv2.perspectiveTransform(points[:, None, :2], homography)[:, 0]
+    even = transform_points(points[:, :2], homography)
     distances_px = np.linalg.norm(even - pixels, axis=1)
     return float(distances_px.max() / smallest_square_px(grid))
 
@@ -381,6 +381,12 @@ def undistort(image: Image, lens: Lens) -> Image:
 def as_points(points: ArrayLike) -> Array:
     """Points as an array (N, 2) of floats."""
     return np.asarray(points, float).reshape(-1, 2)
+
+
+def finite_points(points: ArrayLike | None) -> Array:
+    """Points (N, 2) without those that are not finite; (0, 2) for None."""
+    pairs = as_points([] if points is None else points)
+    return pairs[np.isfinite(pairs).all(axis=1)]
 
 
 def homogeneous(points: ArrayLike) -> Array:
@@ -986,11 +992,11 @@ def road_line(
     than three points are below the horizon.
     """
     rows = np.linspace(0, height - 1, 60)
-    points_m = to_road(np.column_stack([np.polyval(line, rows), rows]))
-    points_m = points_m[np.isfinite(points_m).all(axis=1)]
-    if len(points_m) < 3 or np.ptp(points_m[:, 0]) == 0:
+    points_px = np.column_stack([np.polyval(line, rows), rows])
+    x, y = finite_points(to_road(points_px)).T
+    if len(x) < 3 or np.ptp(x) == 0:
         return None
-    half_c2, c1, c0 = np.polyfit(points_m[:, 0], points_m[:, 1], 2)
+    half_c2, c1, c0 = np.polyfit(x, y, 2)
     return RoadLine(float(c0), float(c1), float(2 * half_c2))
 
 
@@ -1469,8 +1475,12 @@ class LaneFinder:
         found = [self.choose(candidates, side) for side in (0, 1)]
         self.is_first_frame = False
 
-        lines = [self.lines[side].update(found[side].fit) for side in (0, 1)]
-        roads = [self.measure(side, found[side].fit) for side in (0, 1)]
+        lines = []
+        roads = []
+        for side in (0, 1):
+            fit = found[side].fit
+            lines.append(self.lines[side].update(fit))
+            roads.append(self.measure(side, fit))
         states = [line.state for line in self.lines]
         worst_first = ("lost", "kept", "found")
         state = min(states, key=worst_first.index)
@@ -1595,14 +1605,6 @@ def to_rgb(image: Image) -> Image:
     if image.max() <= 1:
         image = (image > 0).astype(np.uint8) * 255
     return require_rgb(np.dstack([image, image, image]))
-
-
-def finite_points(points_px: ArrayLike | None) -> Array:
-    """Points (N, 2) without those that are not finite; (0, 2) for None."""
-    if points_px is None:
-        return np.empty((0, 2))
-    points = as_points(points_px)
-    return points[np.isfinite(points).all(axis=1)]
 
 
 def to_fixed_point(points_px: Array) -> Array:

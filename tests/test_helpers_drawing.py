@@ -195,12 +195,6 @@ def test_an_image_of_another_size_than_the_lens_is_refused():
         draw_lane(narrow, LEFT, RIGHT, LENS)
 
 
-def test_left_is_red_and_right_is_blue(gray):
-    drawn = draw_lane(gray, LEFT, RIGHT, line_width_px=4)
-    assert_array_equal(drawn[50, 40], LEFT_COLOUR)
-    assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
-
-
 def test_the_area_between_the_lines_is_filled_and_gaps_are_bridged(gray):
     gap = np.insert(LEFT, 1, [np.nan, 50], axis=0)
     filled = draw_lane(gray, gap, RIGHT, line_width_px=0)

@@ -14,6 +14,7 @@ from helpers import (
     RoadLine,
     Thresholds,
     calibrate,
+    distort_points,
     get_recipe,
     mean_distance_px,
     metres_per_pixel,
@@ -26,6 +27,7 @@ from tests.support.classic_lane import (
     image_to_road,
     lane_result,
     lens_of,
+    needs_real_data,
     start_finder,
 )
 from tests.support.painted_roads import LANE_WIDTH_M, SUNLIT_WHITE, LaneRoad, paint_lane
@@ -181,6 +183,22 @@ def test_an_image_without_a_lane_does_not_move_a_known_one_far(name, kind):
         assert summary(result)[1:] == summary(good)[1:]
 
 
+def test_a_still_is_searched_with_windows_and_then_around_their_line():
+    """In recipe C the band of 100 px is wider than the windows of 75 px."""
+    still = finder("best_channel")
+    line = still.find(picture(LEFT_BEND)).left
+    spot_px = still.warp.points_to_image([(np.polyval(line, 650) + 88, 650)])
+    u, v = distort_points(spot_px, LENS)[0].round().astype(int)
+    image = picture(LEFT_BEND).copy()
+    cv2.circle(image, (u, v), 3, (255, 255, 255), -1)
+
+    found = still.find(image).left_found
+    u, v = found.pixels.T
+    off_px = np.abs(u - np.polyval(line, v))
+    assert 80 < off_px.max() < 102
+    assert found.windows.shape == (9, 4)
+
+
 def test_recipe_c_begins_with_gradients_on_the_left_and_red_on_the_right():
     result = finder("best_channel").follow(picture(STRAIGHT))
     assert result.left_found.binary == "gradients"
@@ -238,10 +256,9 @@ def windows_of(result):
 def test_after_a_miss_a_and_b_search_both_lines_with_windows_and_c_that_one(
     name, searched
 ):
-    image = picture(LaneRoad(1 / 500, 0.2))
+    image = picture(HALF_LANE_BEFORE)
     follow = finder(name)
-    for _ in range(3):
-        assert follow.follow(image).state == "found"
+    assert follow.follow(image).state == "found"
     assert windows_of(follow.follow(image)) == [False, False]
     follow.lines[1].update(None)
     assert windows_of(follow.follow(image)) == searched
@@ -442,11 +459,7 @@ def test_the_usual_scales_are_wrong_by_what_the_course_says(name):
     assert errors == approx(SCALE_ERRORS[name], abs=0.002)
 
 
-def has_real_data():
-    return (REAL_DATA / "test_images").is_dir()
-
-
-@pytest.mark.skipif(not has_real_data(), reason="needs real stills in LANES_DATA")
+@needs_real_data
 def test_recipe_a_gives_its_published_numbers():
     """Calibrated with the real boards. The published numbers have no signs."""
     lens = calibrate(REAL_DATA / "camera_cal")

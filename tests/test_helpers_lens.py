@@ -20,7 +20,7 @@ from helpers import (
 )
 from lanes.camera.model import load_camera
 from lanes.camera.model import undistort as undistort_by_lanes
-from tests.support.classic_lane import lens_of
+from tests.support.classic_lane import lens_of, needs_real_data
 from tests.support.painted_roads import RECIPE_CAMERA as CAMERA
 from tests.support.project import REAL_DATA, ROOT
 
@@ -150,11 +150,7 @@ def test_a_board_file_that_does_not_exist_is_named():
         calibrate([Path("nowhere.jpg")])
 
 
-def has_real_boards():
-    return (REAL_DATA / "camera_cal").is_dir()
-
-
-@pytest.mark.skipif(not has_real_boards(), reason="needs real boards in LANES_DATA")
+@needs_real_data
 def test_the_real_boards_are_all_used():
     """Three are cut off by the border, two are of 1281x721."""
     lens = calibrate(REAL_DATA / "camera_cal")
@@ -184,11 +180,6 @@ def test_undistort_is_that_of_opencv_and_of_lanes():
     by_opencv = cv2.undistort(image, LENS.matrix, LENS.distortion)
     assert np.abs(flat - by_opencv).max() <= 2
     assert_array_equal(flat, undistort_by_lanes(image, CAMERA))
-
-
-def test_images_of_another_size_are_refused():
-    with pytest.raises(ValueError, match="1281x720 pixels, but this lens is for 1280"):
-        undistort(np.zeros((720, 1281, 3), np.uint8), LENS)
 
 
 def test_points_go_through_the_lens_and_back():

@@ -13,6 +13,8 @@ A = get_recipe("hls_sobel").left_line
 B = get_recipe("equalized_hsv").left_line
 C_LEFT = get_recipe("best_channel").left_line
 C_RIGHT = get_recipe("best_channel").right_line
+MEMORIES = {"A": A, "B": B, "C left": C_LEFT, "C right": C_RIGHT}
+every_memory = parametrize("rules", MEMORIES.values(), ids=MEMORIES)
 
 
 def fit(c, a=0.0):
@@ -48,7 +50,7 @@ def test_the_mean_is_over_the_last_fits(rules, length):
     assert column(line) != approx(shown[-1], abs=0.1)
 
 
-@parametrize("rules", [A, B, C_LEFT], ids="ABC")
+@every_memory
 def test_without_fits_there_is_no_line(rules):
     line = rules.fresh()
     assert line.update(None) is None
@@ -133,7 +135,7 @@ def test_recipe_c_has_a_wider_gate_for_bends_on_the_right():
     assert len(remember(C_RIGHT, [100, bent]).fits) == 2
 
 
-@parametrize("rules", [A, B, C_LEFT, C_RIGHT], ids=["A", "B", "C", "C right"])
+@every_memory
 def test_a_line_missed_too_often_begins_again(rules):
     """Our restart: a wrong line must not persist."""
     line = remember(rules, [100] + [None] * rules.max_missed)

@@ -2,7 +2,6 @@
 
 import csv
 
-import av
 import numpy as np
 import pytest
 from moviepy.video.io.ffmpeg_writer import FFMPEG_VideoWriter
@@ -13,7 +12,7 @@ from lanes.video.reader import inspect_video
 from lanes.video.reader import read_video as read_video_by_lanes
 from tests.support.clips import encode
 from tests.support.project import names
-from tests.video.sample_videos import tone_starts_s
+from tests.video.sample_videos import sound_packets, tone_starts_s
 
 parametrize = pytest.mark.parametrize
 
@@ -39,10 +38,6 @@ def numbers_in(path, **span):
     return [number_of(frame) for frame in read_video(path, **span)]
 
 
-def test_all_frames_are_read_once_and_in_order(clip):
-    assert numbers_in(clip) == list(range(COUNT))
-
-
 def test_frames_are_those_of_lanes_and_may_be_changed(clip):
     frames = list(read_video(clip))
     for frame, other in zip(frames, read_video_by_lanes(clip), strict=True):
@@ -53,6 +48,7 @@ def test_frames_are_those_of_lanes_and_may_be_changed(clip):
 @parametrize(
     ("start_s", "end_s", "expected"),
     [
+        (0.0, None, range(COUNT)),
         (0.4, 0.8, range(10, 20)),
         # 1.9999...: the frame of that time is meant
         (0.0, 4.6 - 2.6 - 1.0, range(25)),
@@ -129,8 +125,8 @@ def test_rate_and_sound_are_those_of_the_source(clip, tmp_path, start_s, end_s):
     assert (info.frames, info.fps, info.has_audio) == (count, 25, True)
     assert info.duration_s == approx(count / 25, abs=0.03)
     assert start_s + tone_starts_s(target) == approx(0.6, abs=0.03)
-    with av.open(str(target)) as video:
-        assert float(video.duration / av.time_base) == approx(count / 25, abs=0.05)
+    last_packet_s, _ = sound_packets(target)[-1]
+    assert last_packet_s == approx(count / 25, abs=0.03)
 
 
 def test_a_source_without_sound_gives_a_video_without_sound(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from helpers import (
     FoundLine,
@@ -14,10 +15,15 @@ from helpers import (
     road_homography,
 )
 from lanes.camera.model import Camera
+from tests.support.project import REAL_DATA
 
 NOTHING = np.zeros((720, 1280), np.uint8)
 # (metres per column, metres per row) of all three originals
 USUAL_SCALES = (3.7 / 700, 30 / 720)
+
+needs_real_data = pytest.mark.skipif(
+    not (REAL_DATA / "camera_cal").is_dir(), reason="needs real images in LANES_DATA"
+)
 
 
 def lens_of(camera: Camera) -> Lens:
