@@ -32,7 +32,6 @@ from lanes.errors import CameraError, PoseError, VideoError
 from lanes.files import TelemetryWriter, translate_write_errors
 from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.pose.estimate import (
-    ESTIMATED,
     POSE_PICTURES,
     PoseEstimate,
     estimate_in_drive,
@@ -68,8 +67,6 @@ from lanes.video.sources import (
 )
 from lanes.video.writer import process_video
 
-# Images in a row that must agree on another pose than an estimated one of the drive.
-POSE_CONFIRMATIONS = 3
 # Differences of poses in the telemetry that come from rounding.
 _SAME_POSE = 1e-9
 
@@ -325,7 +322,6 @@ def make_tracker(
         fps=fps,
         speed_mps=speed_mps,
         find_pose=find_pose,
-        pose_confirmations=POSE_CONFIRMATIONS if drive.state == ESTIMATED else 1,
         settings=settings,
         markings=markings,
         confidence_shift=drive.confidence_shift,

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lanes.camera.model import Camera, CameraPose, require_camera
+from lanes.camera.model import Camera, require_camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
@@ -82,10 +82,6 @@ BEYOND_LINE_M = 0.1
 COMPARED_AT_M = np.array([6.0, 12.0, 20.0])
 SAME_LINE_STDS = 3.0
 SAME_LINE_M = (0.15, 0.3)
-# Poses of single images agree if pitch and yaw differ by no more: an image knows the
-# pitch to half a degree, and the car heads out of its lane by a degree.
-SAME_PITCH_RAD = np.radians(1.0)
-SAME_YAW_RAD = np.radians(2.0)
 # Time without a likely lane after which searches become rarer.
 FULL_RATE_S = 5.0
 
@@ -217,10 +213,7 @@ class LaneTracker:
     find_pose : callable, optional
         Looks for the lane and the camera pose in one image; for a camera whose pose was
         estimated or changes. While no lane is likely it is called twice a second, and
-        the tracker goes on with the pose of lanes that are more likely.
-    pose_confirmations : int
-        Number of images in a row whose poses must agree before the tracker goes on with
-        the last of them: one image does not overrule the pose of a drive.
+        the tracker goes on with the pose of a lane that is more likely.
     settings : TrackerSettings
     markings : callable, optional, as for `lanes.find_lane`
     confidence_shift : float
@@ -254,7 +247,6 @@ class LaneTracker:
         fps: float = 25.0,
         speed_mps: float | None = None,
         find_pose: Callable[[np.ndarray], StillDetection | None] | None = None,
-        pose_confirmations: int = 1,
         settings: TrackerSettings | None = None,
         markings: Markings | None = None,
         confidence_shift: float = 0.0,
@@ -271,7 +263,6 @@ class LaneTracker:
             settings = TrackerSettings()
         self.settings = require_type(settings, TrackerSettings, "settings")
         self.find_pose = find_pose
-        self.pose_confirmations = pose_confirmations
         self.markings = markings
         self._confidence_shift = confidence_shift
         self._use(require_camera(camera))
@@ -315,7 +306,6 @@ class LaneTracker:
     def _begin_search(self) -> None:
         """Search at the full rate; what never moves in the images is still known."""
         self._schedule = SearchSchedule(self.settings, self.fps)
-        self._agreeing_poses: list[CameraPose] = []
         self._forget_lane()
 
     def _forget_lane(self) -> None:
@@ -455,13 +445,11 @@ class LaneTracker:
     def _try_other_pose(self, image: np.ndarray, elapsed_s: float) -> None:
         """While no lane is likely, look for one with a camera pose from this image.
 
-        If it is likely, and enough images agree, the tracker goes on with its pose.
+        If it is likely, the tracker goes on with its pose.
         """
         confidence = self._confidence()
         is_likely = confidence >= LIKELY_CONFIDENCE
         self._schedule.end_frame(elapsed_s, likely=is_likely)
-        if is_likely:
-            self._agreeing_poses = []
         if self.find_pose is None or is_likely or not self._schedule.is_pose_due():
             return
 
@@ -474,25 +462,14 @@ class LaneTracker:
         least = min(still.confidence, as_tracked.confidence)
         if least <= max(confidence, LIKELY_CONFIDENCE):
             return
-        self._agree_on(still.camera.require_pose())
-        if len(self._agreeing_poses) >= self.pose_confirmations:
-            self._use(still.camera)
-            self._static = self._static.seen_in(self._views[-1])
-            self._begin_search()
-            self._schedule.pose_tried()
-            self._confidence_shift = 0.0
-            self.evidence = still.evidence
-            self.search = still.search
-            self._track = self._start(still.lane)
-
-    def _agree_on(self, pose: CameraPose) -> None:
-        """Add a pose of an image to those before, or begin again if they differ."""
-        if self._agreeing_poses:
-            last = self._agreeing_poses[-1]
-            is_near = abs(pose.pitch_rad - last.pitch_rad) <= SAME_PITCH_RAD
-            if not is_near or abs(pose.yaw_rad - last.yaw_rad) > SAME_YAW_RAD:
-                self._agreeing_poses = []
-        self._agreeing_poses.append(pose)
+        self._use(still.camera)
+        self._static = self._static.seen_in(self._views[-1])
+        self._begin_search()
+        self._schedule.pose_tried()
+        self._confidence_shift = 0.0
+        self.evidence = still.evidence
+        self.search = still.search
+        self._track = self._start(still.lane)
 
     def _follow(
         self, track: Track, evidence: Evidence, elapsed_s: float
