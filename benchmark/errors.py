@@ -41,8 +41,9 @@ RECOVERED_FRAMES = 3
 
 @dataclass(frozen=True, eq=False)
 class LaneTruth:
-    """The true lane in N frames; NaN where there is no lane, and beyond the end of a
-    line.
+    """The true lane in N frames.
+
+    NaN where there is no lane, and beyond the end of a line.
 
     `lines_y_m` (N, 2, D) are lateral positions of the left and right line at AHEAD_M,
     `at_car_y_m` (N, 2) those at the car, x = 0. All others are (N,).
@@ -103,8 +104,9 @@ class LaneTruth:
         return LaneTruth(*(getattr(self, field.name)[frames] for field in fields(self)))
 
     def adjacent(self) -> LaneTruth:
-        """The lane on the other side of the line that the car is crossing; the same
-        lane in all other frames.
+        """The lane on the other side of the line that the car is crossing.
+
+        The same lane in all other frames.
 
         The adjacent lane gets the width of this one. That is exact for parallel lines
         on a straight road and good to a millimetre at a radius of 400 m.
@@ -131,8 +133,9 @@ class LaneTruth:
 
 @dataclass(frozen=True, eq=False)
 class FrameErrors:
-    """Errors of N frames; NaN if no lane is available, no lane exists, or the line ends
-    before that distance.
+    """Errors of N frames.
+
+    NaN if no lane is available, no lane exists, or the line ends before that distance.
 
     `exists`, `available` and `confident` are bool: a lane exists; the system reports a
     lane; it reports one with a confidence of CONFIDENT or more, or it states no
@@ -183,15 +186,17 @@ class FrameErrors:
 
     @property
     def normalized(self) -> np.ndarray:
-        """(N,) bool: frames whose z counts; not those of a lane change, where either
-        adjacent lane is the ego lane.
+        """(N,) bool: frames whose z counts.
+
+        Not those of a lane change, where either adjacent lane is the ego lane.
         """
         other_lane = self.near_rms_m > OTHER_LANE_M
         return self.stated & ~self.lane_change & ~other_lane
 
     def z_of(self, quantity: str) -> np.ndarray:
-        """The finite z of one of `QUANTITIES` in the frames whose z counts; those of
-        both lines for a position.
+        """The finite z of one of `QUANTITIES` in the frames whose z counts.
+
+        Those of both lines for a position.
         """
         number = QUANTITIES.index(quantity)
         if number < len(NUMBERS):

@@ -55,8 +55,9 @@ CUSTOM = "custom"
 
 @dataclass(frozen=True)
 class BenchmarkDrive:
-    """A video with its truth (.csv) and camera (.yaml) next to it; `video` is None
-    until it is rendered.
+    """A video with its truth (.csv) and camera (.yaml) next to it.
+
+    `video` is None until it is rendered.
 
     `seed` is the number of a scene's variant; 0 is the scene itself.
     """
@@ -289,8 +290,9 @@ def score_systems(
 
 
 def read_truth(drive: BenchmarkDrive) -> LaneTruth:
-    """The true lane in the frames of a drive; NaN in all frames of a scene without a
-    lane.
+    """The true lane in the frames of a drive.
+
+    NaN in all frames of a scene without a lane.
     """
     path = drive.require_video().with_suffix(".csv")
     columns = read_telemetry(path)
@@ -361,8 +363,9 @@ def run_benchmark(
 def cached_estimates(
     task: tuple[PreparedDrive, str], *, folder: Path, workers: int
 ) -> Path:
-    """The file with the estimates of a system for a drive; the system runs if there is
-    no such file yet.
+    """The file with the estimates of a system for a drive.
+
+    The system runs if there is no such file yet.
     """
     prepared, system = task
     drive = prepared.drive

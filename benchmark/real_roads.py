@@ -130,8 +130,9 @@ def score_folder(
 def start_finder(
     system: str, camera: Camera, pose: PoseEstimate | None, **how: Any
 ) -> Finder:
-    """A function that scores a system on a picture with its label; `how` are options of
-    `detect_in_drive`.
+    """A function that scores a system on a picture with its label.
+
+    `how` are options of `detect_in_drive`.
     """
     if system in (TRACKER, DETECTOR):
 
@@ -151,8 +152,9 @@ def start_finder(
 
 
 def lanes_of_engine(scored: Mapping[str, list[ScoredLane]]) -> list[ScoredLane]:
-    """The lanes of tracker or detector, which are the same in single pictures; empty if
-    neither is scored.
+    """The lanes of tracker or detector, which are the same in single pictures.
+
+    Empty if neither is scored.
     """
     return scored.get(TRACKER, scored.get(DETECTOR, []))
 

@@ -94,8 +94,9 @@ def mean_interval(values: np.ndarray, clusters: np.ndarray) -> tuple[float, floa
 
 
 def share_interval(flags: np.ndarray, clusters: np.ndarray) -> tuple[float, float]:
-    """95 % interval of the share of True in flags (N,) bool, in clusters (N,); NaN
-    without any flag.
+    """95 % interval of the share of True in flags (N,) bool, in clusters (N,).
+
+    NaN without any flag.
 
     It is never narrower than Wilson's interval: the bootstrap gives a width of 0 where
     all clusters have a share of 0, or all have 1.
@@ -191,8 +192,9 @@ def _compared_groups(
 
 
 def accuracy_interval(group: Sequence[Result]) -> tuple[float, float]:
-    """95 % interval of the accuracy of a system over some drives; NaN without a frame
-    with a true lane.
+    """95 % interval of the accuracy of a system over some drives.
+
+    NaN without a frame with a true lane.
     """
     if not any(result.errors.exists.any() for result in group):
         return np.nan, np.nan

@@ -248,8 +248,9 @@ def describe_machine() -> str:
 
 
 def _processor() -> str:
-    """Name of the processor; on Linux from /proc/cpuinfo, because `platform` knows only
-    the architecture there.
+    """Name of the processor.
+
+    On Linux from /proc/cpuinfo, because `platform` knows only the architecture there.
     """
     try:
         cpuinfo = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace")

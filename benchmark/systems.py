@@ -144,8 +144,9 @@ def column_detector(system: str, camera: Camera) -> ColumnDetector:
 
 
 def start_recipe(system: str, camera: Camera) -> LaneFinder:
-    """The finder of a recipe for the images of `recipe_image`; raises CameraError
-    without a pose.
+    """The finder of a recipe for the images of `recipe_image`.
+
+    Raises CameraError without a pose.
     """
     distortion = camera.distortion
     if camera.is_fisheye:
@@ -207,8 +208,9 @@ def lane_estimate(lane: Lane | None) -> LaneEstimate:
 
 
 def recipe_estimate(result: LaneResult) -> LaneEstimate:
-    """A recipe's estimate for a frame: a lane if both lines are measured or remembered;
-    no confidence.
+    """A recipe's estimate for a frame: a lane if both lines are measured or remembered.
+
+    No confidence.
     """
     roads = (result.left_road, result.right_road)
     lines = [(road.c2_per_m / 2, road.c1, road.c0_m) for road in roads if road]
@@ -258,20 +260,15 @@ def recipe_columns(result: LaneResult, camera: Camera, rows: np.ndarray) -> np.n
     The lines in metres are projected into the picture, because the view ends above the
     bonnet and the lines do not.
     """
-    lateral_m: list[np.ndarray | None] = []
-    for line in (result.left_road, result.right_road):
-        line_m = None
-        if line is not None:
-            line_m = np.asarray(line.lateral_m(PROJECTED_AT_M))
-        lateral_m.append(line_m)
-
-    top_rows = []
-    for points in result.lines_px:
-        top_row = np.inf
+    lateral_m: list[np.ndarray | None] = [None, None]
+    top_rows = [np.inf, np.inf]
+    roads = (result.left_road, result.right_road)
+    for side, (road, points) in enumerate(zip(roads, result.lines_px, strict=True)):
+        if road is not None:
+            lateral_m[side] = np.asarray(road.lateral_m(PROJECTED_AT_M))
         if points is not None:
             pixels = camera.distort_points(points)
-            top_row = np.nanmin(pixels[:, 1]) - 1
-        top_rows.append(top_row)
+            top_rows[side] = np.nanmin(pixels[:, 1]) - 1
     return project_lines(lateral_m, camera, rows, top_rows=top_rows)
 
 
@@ -281,8 +278,9 @@ def is_own_finder(system: str) -> bool:
 
 
 def load_finder(system: str) -> OwnFinder:
-    """The function of a system "file.py:function", from the file as it is now; each
-    call executes the file.
+    """The function of a system "file.py:function", from the file as it is now.
+
+    Each call executes the file.
 
     Raises ValueError if the file does not exist, cannot be executed, or has no such
     function.
@@ -309,8 +307,9 @@ def load_finder(system: str) -> OwnFinder:
 
 
 def estimate_from_lines(lines: Lines | None) -> LaneEstimate:
-    """The estimate of a finder that returns the coefficients of two lines; no lane for
-    None.
+    """The estimate of a finder that returns the coefficients of two lines.
+
+    No lane for None.
 
     Raises ValueError if there are not two lines.
     """

@@ -256,8 +256,9 @@ def failure_spans(errors: FrameErrors, fps: float) -> list[str]:
 
 
 def frame_kinds(errors: FrameErrors) -> list[str]:
-    """The kind of each frame; where no lane exists, a lane reported without confidence
-    is no failure.
+    """The kind of each frame.
+
+    Where no lane exists, a lane reported without confidence is no failure.
     """
     correct = errors.correct | (~errors.exists & ~errors.confident)
     kinds = np.select(

@@ -129,8 +129,9 @@ def to_myst(text: str) -> str:
 
 
 def write_course() -> None:
-    """One notebook a chapter, with its outputs; the cells before chapter 1 are the page
-    "course".
+    """One notebook a chapter, with its outputs.
+
+    The cells before chapter 1 are the page "course".
     """
     notebook = json.loads((ROOT / "project.ipynb").read_text(encoding="utf-8"))
     name = "course"
@@ -186,8 +187,9 @@ def write_pages() -> None:
 
 
 def main() -> int:
-    """Build the site from new sources; returns Sphinx's exit status, which is 1 after a
-    warning.
+    """Build the site from new sources.
+
+    Returns Sphinx's exit status, which is 1 after a warning.
     """
     for folder in (SOURCE, STATIC, EXTRA, SITE):
         shutil.rmtree(folder, ignore_errors=True)

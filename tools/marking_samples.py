@@ -165,8 +165,9 @@ class Sample:
 
 
 def take_sample(number: int) -> Sample | None:
-    """Sample number `number`, of a variety in turn; None if the random camera sees no
-    road.
+    """Sample number `number`, of a variety in turn.
+
+    None if the random camera sees no road.
     """
     number, which = divmod(number, len(VARIETIES))
     rng = np.random.default_rng([number, 1])
