@@ -390,7 +390,9 @@ def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m,
     tracker = LaneTracker(
         SMALL,
         fps=FPS,
-        find_pose=lambda image: StillDetection(other.evidence, None, lane),
+        find_pose=lambda image: StillDetection(
+            other.evidence, other.settings.detector, lane=lane
+        ),
     )
     found = tracker.update(np.full_like(DRIVE.frame(0.0), 90))
     assert (found is not None) == taken
@@ -409,7 +411,9 @@ def tracker_told_of_poses(yaws_deg: list[float], confirmations: int) -> LaneTrac
         lane = replace(
             other.update(DRIVE.frame(0.0)), state=FOUND, confidence_shift=9.0
         )
-        stills.append(StillDetection(other.evidence, None, lane))
+        stills.append(
+            StillDetection(other.evidence, other.settings.detector, lane=lane)
+        )
     following = iter(stills)
     return LaneTracker(
         SMALL,
