@@ -106,7 +106,7 @@ def encode_figure(figure: Figure, kind: str, *, jpeg_quality: int = 85) -> bytes
 
 
 def figure_kind(path: Path) -> str:
-    """The format, "jpeg" or "png", by the suffix; raises ValueError for another suffix."""
+    """The format, "jpeg" or "png", by the suffix; raises ValueError for others."""
     kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
     if kind is None:
         raise ValueError(
