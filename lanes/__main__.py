@@ -10,24 +10,28 @@ from __future__ import annotations
 import argparse
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from difflib import get_close_matches
-from functools import partial
 from itertools import islice
 from pathlib import Path
 
 from lanes import __version__
 from lanes.annotation import Annotation, DriveOptions, DriveSettings
 from lanes.camera.calibration import (
+    BoardDetections,
     calibrate,
     calibrate_detections,
     describe_calibration,
     draw_contact_sheet,
     find_boards,
 )
-from lanes.camera.field_of_view import find_field_of_view, given_field_of_view
+from lanes.camera.field_of_view import (
+    FieldOfView,
+    find_field_of_view,
+    given_field_of_view,
+)
 from lanes.camera.model import (
     CAR_WIDTH_M,
     CAR_WIDTH_RANGE_M,
@@ -63,7 +67,13 @@ from lanes.labels import (
     read_predictions,
 )
 from lanes.many import annotate_many
-from lanes.pose.estimate import ESTIMATED, LANE_WIDTH_M, POSE_PICTURES, estimate_pose
+from lanes.pose.estimate import (
+    ESTIMATED,
+    LANE_WIDTH_M,
+    POSE_PICTURES,
+    PoseEstimate,
+    estimate_pose,
+)
 from lanes.score import (
     describe_predictions,
     score_stills,
@@ -71,9 +81,15 @@ from lanes.score import (
     write_score_page,
 )
 from lanes.show.draw import STYLES
-from lanes.show.explanation import explain, explain_tracked
+from lanes.show.explanation import Explanation, explain, explain_tracked
 from lanes.video.images import kind_of_file, read_image, write_image
-from lanes.video.reader import STAMP_TOLERANCE_S, count_lost, inspect_video, read_frames
+from lanes.video.reader import (
+    STAMP_TOLERANCE_S,
+    VideoInfo,
+    count_lost,
+    inspect_video,
+    read_frames,
+)
 from lanes.video.sources import Sources, find_sources, require_topic, sample_images
 
 
@@ -86,7 +102,9 @@ class Calibrate:
     """
 
     SUMMARY = "calibrate the lens from pictures of a chessboard"
-    EXAMPLES = "  {program} my_boards -o lens.yaml\n  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"
+    EXAMPLES = """\
+  {program} my_boards -o lens.yaml
+  {program} --pattern 8x5 --sheet sheet.png boards/*.jpg"""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
         words = "picture or video of a chessboard, or folder of them"
@@ -104,26 +122,30 @@ class Calibrate:
     def run(self, options: argparse.Namespace) -> int:
         paths = find_sources(map(str, options.pictures)).files
         require_no_input_among(filter(None, (options.output, options.sheet)), paths)
-        detections = find_boards(
-            paths, options.pattern, progress=progress_line("calibrate")
-        )
+
+        progress = progress_line("calibrate")
+        detections = find_boards(paths, options.pattern, progress=progress)
+        source = ", ".join(map(str, options.pictures[:3]))
         try:
-            camera = calibrate_detections(
-                detections, ", ".join(map(str, options.pictures[:3]))
-            )
+            camera = calibrate_detections(detections, source)
         except CameraError:
             if options.sheet:
-                print(
-                    f"wrote {write_image(options.sheet, draw_contact_sheet(detections, None))}"
-                )
+                _write_sheet(options.sheet, detections, None)
             raise
+
         print(describe_calibration(detections, camera))
         print(f"wrote {save_camera(camera, options.output)}")
         if options.sheet:
-            print(
-                f"wrote {write_image(options.sheet, draw_contact_sheet(detections, camera))}"
-            )
+            _write_sheet(options.sheet, detections, camera)
         return 0
+
+
+def _write_sheet(
+    path: Path, detections: BoardDetections, camera: Camera | None
+) -> None:
+    """Write the contact sheet of a calibration, also of one that failed."""
+    sheet = draw_contact_sheet(detections, camera)
+    print(f"wrote {write_image(path, sheet)}")
 
 
 class Pose:
@@ -144,21 +166,15 @@ class Pose:
   {program} --boards my_boards --height 1.35 drive.mp4"""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "files",
-            nargs="+",
-            type=Path,
-            metavar="FILE",
-            help="stills or videos of one drive",
-        )
+        words = "stills or videos of one drive"
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=words)
         _add_drive_options(parser)
-        words = "use at most N pictures (default: %(default)s)"
         parser.add_argument(
             "--pictures",
             type=bounded(int, 1),
             default=POSE_PICTURES,
             metavar="N",
-            help=words,
+            help="use at most N pictures (default: %(default)s)",
         )
         _add_output(parser, "camera.yaml", "camera file to write")
 
@@ -180,9 +196,8 @@ class Pose:
         if not estimate.frames_used:
             raise PoseError(
                 f"{options.files[0]}: none of {estimate.frames_total} pictures shows a "
-                "likely lane, so the pose is "
-                "unknown and no file is written; give pictures of a marked road by "
-                "day, or another --hfov."
+                "likely lane, so the pose is unknown and no file is written; give "
+                "pictures of a marked road by day, or another --hfov."
             )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -220,45 +235,45 @@ class Annotate:
         _add_output(parser, "annotated", "output folder")
         words = (
             "lane: filled lane; lines: the two lines only; inset: with a bird's-eye "
-            "view; mosaic: with intermediate "
+            "view; mosaic: with intermediate results (default: %(default)s)"
         )
-        words += "results (default: %(default)s)"
         parser.add_argument(
             "--style", choices=tuple(STYLES), default="lane", help=words
         )
+        words = "write no HTML report"
         parser.add_argument(
-            "--no-report",
-            dest="report",
-            action="store_false",
-            help="write no HTML report",
+            "--no-report", dest="report", action="store_false", help=words
         )
         parser.add_argument("--quiet", action="store_true", help="print errors only")
+
         words = "--scheduler requires Dask: pip install 'dask[distributed]' bokeh"
         many = parser.add_argument_group("many drives", words)
         where = many.add_mutually_exclusive_group()
-        where.add_argument(
-            "--workers",
-            type=bounded(int, 1),
-            metavar="N",
-            help="number of processes on this machine",
-        )
+        words = "number of processes on this machine"
+        where.add_argument("--workers", type=bounded(int, 1), metavar="N", help=words)
         words = "address of a Dask scheduler, like tcp://10.0.0.1:8786"
         where.add_argument("--scheduler", metavar="ADDRESS", help=words)
 
     def run(self, options: argparse.Namespace) -> int:
-        """Annotate all sources.
-
-        A failed source does not stop the others; errors are printed at the end.
+        """Annotate all sources. A failed source does not stop the others; errors are
+        printed at the end.
         """
         sources = find_sources(options.files)
         settings = _read_settings(options, sources)
-        say = (lambda _: None) if options.quiet else partial(print, flush=True)
+
+        def say(words: str) -> None:
+            if not options.quiet:
+                print(words, flush=True)
+
         failures: list[Exception] = []
         done = 0
         if (options.workers or options.scheduler) and sources.videos:
-            where = {"workers": options.workers, "scheduler": options.scheduler}
             finished, failures = annotate_many(
-                sources.videos, settings, **where, log=say
+                sources.videos,
+                settings,
+                workers=options.workers,
+                scheduler=options.scheduler,
+                log=say,
             )
             done = len(finished)
             sources = replace(sources, videos=())
@@ -292,23 +307,18 @@ class Detect:
   {program} --boards my_boards --sequence --fps 20 clip/*.jpg"""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "files",
-            nargs="+",
-            type=Path,
-            metavar="FILE",
-            help="stills or videos of one camera",
-        )
+        words = "stills or videos of one camera"
+        parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help=words)
         _add_drive_options(parser, each=True)
-        words = "picture rows, TO excluded (default: by the height; of pictures 720 high 420:701:10)"
+        words = (
+            "picture rows, TO excluded (default: by the height; of pictures 720 high "
+            "420:701:10)"
+        )
         parser.add_argument(
             "--rows", type=_row_range, metavar="FROM:TO:STEP", help=words
         )
-        parser.add_argument(
-            "--sequence",
-            action="store_true",
-            help="the stills are consecutive frames in this order",
-        )
+        words = "the stills are consecutive frames in this order"
+        parser.add_argument("--sequence", action="store_true", help=words)
         words = "frames per second of --sequence (default: %(default)s)"
         parser.add_argument("--fps", type=bounded(float, 1), default=25.0, help=words)
         _add_output(parser, "lanes.jsonl", "file to write")
@@ -324,33 +334,38 @@ class Detect:
             )
         if options.each and sources.videos:
             raise ValueError(
-                f"{sources.videos[0]}: is a video, and --each is for stills; omit one of them."
+                f"{sources.videos[0]}: is a video, and --each is for stills; omit one "
+                "of them."
             )
         require_no_input_among([options.output], sources.files)
         settings = _read_settings(options, sources)
-        failures: list[LaneError] = []
+
         found = []
         missing = 0
         for video in sources.videos:
             frames = list(detect_in_video(video, settings, options.rows))
             found += frames
-            numbers = [frame["frame"] for frame in frames]
-            info = inspect_video(video, topic=settings.topic)
-            missing += count_lost(info, numbers, settings.start_s, settings.end_s)
-        if options.sequence and sources.stills:
-            found += detect_in_sequence(
-                sources.stills, settings, options.rows, fps=options.fps
-            )
-        elif sources.stills:
-            found += detect_in_stills(sources.stills, settings, options.rows, failures)
+            missing += _count_missing(video, settings, frames)
+        failures: list[LaneError] = []
+        stills = sources.stills
+        if options.sequence and stills:
+            found += detect_in_sequence(stills, settings, options.rows, fps=options.fps)
+        elif stills:
+            found += detect_in_stills(stills, settings, options.rows, failures)
+
         lost = sum(detection["state"] == "lost" for detection in found)
-        damaged = (
-            f"; {missing} more are damaged or missing in the videos" if missing else ""
-        )
-        print(
-            f"wrote {write_json_lines(options.output, found)}: {len(found)} pictures, no lane in {lost}{damaged}"
-        )
+        counts = f"{len(found)} pictures, no lane in {lost}"
+        if missing:
+            counts += f"; {missing} more are damaged or missing in the videos"
+        print(f"wrote {write_json_lines(options.output, found)}: {counts}")
         return _report_failures(failures, len(found))
+
+
+def _count_missing(video: Path, settings: DriveSettings, frames: Sequence[dict]) -> int:
+    """Number of frames of a video that are damaged or not there."""
+    info = inspect_video(video, topic=settings.topic)
+    numbers = [frame["frame"] for frame in frames]
+    return count_lost(info, numbers, settings.start_s, settings.end_s)
 
 
 class Explain:
@@ -371,9 +386,8 @@ class Explain:
   {program} --hfov 60 still.jpg"""
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        parser.add_argument(
-            "files", nargs=1, type=Path, metavar="FILE", help="picture or video"
-        )
+        words = "picture or video"
+        parser.add_argument("files", nargs=1, type=Path, metavar="FILE", help=words)
         words = "time of the frame in a video, as 83.5 or 1:23.5 (default: first frame)"
         parser.add_argument("--at", type=seconds, metavar="TIME", help=words)
         _add_drive_options(parser)
@@ -385,47 +399,87 @@ class Explain:
         figure_kind(options.output)
         require_no_input_among([options.output], options.files)
         (file,) = options.files
-        start_s = options.start_s
-        end_s = options.end_s
-        at_s = options.at
-        info = (
-            None
-            if kind_of_file(file) == "image"
-            else inspect_video(file, topic=options.topic)
-        )
-        length_s = info.duration_s if info else 0.0
-        if at_s is not None and not start_s <= at_s < min(length_s, end_s or length_s):
-            words = f"has no frame at {at_s:g} s, it lasts {length_s:g} s; give an --at in it, and in --start to --end"
-            raise ValueError(f"{file}: {words}, or none for a picture.")
+        info = None
+        if kind_of_file(file) != "image":
+            info = inspect_video(file, topic=options.topic)
+        _require_time(options, file, info)
+
         lens, settings = find_lens(options)
-        markings = settings.markings
-        part = {"start_s": start_s, "end_s": end_s, "topic": options.topic}
         camera, estimate = pose_for(
-            settings, lens, options.files, progress=progress_line("pose"), **part
+            settings,
+            lens,
+            options.files,
+            progress=progress_line("pose"),
+            start_s=options.start_s,
+            end_s=options.end_s,
+            topic=options.topic,
         )
-        still = pose_doubt = None
         if estimate:
             print(estimate.describe())
-            still = estimate.still
-            pose_doubt = "" if estimate.state == ESTIMATED else estimate.notes[0]
         if info:
-            tracker = make_tracker(info.fps, camera, estimate, markings)
-            until_s = None if at_s is None else at_s + 2 * STAMP_TOLERANCE_S
-            with closing(
-                read_frames(file, info, start_s=start_s, end_s=until_s, progress=True)
-            ) as frames:
-                shown = islice(frames, 1 if at_s is None else None)
-                explanation = explain_tracked(shown, tracker, pose_doubt=pose_doubt)
+            explanation = _explain_frame(options, info, camera, settings, estimate)
         else:
-            image = read_image(file)
-            still = still or (
-                detect_still(image, camera, markings=markings) if markings else None
-            )
-            explanation = explain(image, camera, detection=still, pose_doubt=pose_doubt)
+            explanation = _explain_still(file, camera, settings, estimate)
+
         print(explanation.describe())
         figure, _ = show_explanation(explanation)
         print(f"wrote {save_figure(figure, options.output)}")
         return 0
+
+
+def _require_time(
+    options: argparse.Namespace, file: Path, info: VideoInfo | None
+) -> None:
+    """Raise ValueError if --at is not in the video, or not in the part of it."""
+    at_s = options.at
+    length_s = info.duration_s if info else 0.0
+    end_s = min(length_s, options.end_s or length_s)
+    if at_s is not None and not options.start_s <= at_s < end_s:
+        raise ValueError(
+            f"{file}: has no frame at {at_s:g} s, it lasts {length_s:g} s; give an "
+            "--at in it, and in --start to --end, or none for a picture."
+        )
+
+
+def _pose_doubt(estimate: PoseEstimate | None) -> str | None:
+    """Why an estimated pose is uncertain, or empty; None if the pose was given."""
+    if estimate is None:
+        return None
+    return "" if estimate.state == ESTIMATED else estimate.notes[0]
+
+
+def _explain_frame(
+    options: argparse.Namespace,
+    info: VideoInfo,
+    camera: Camera,
+    settings: DriveSettings,
+    estimate: PoseEstimate | None,
+) -> Explanation:
+    """Explain the frame at --at of a video, or its first one."""
+    tracker = make_tracker(info.fps, camera, estimate, settings.markings)
+    until_s = None
+    count: int | None = 1
+    if options.at is not None:
+        until_s = options.at + 2 * STAMP_TOLERANCE_S
+        count = None
+    frames = read_frames(
+        options.files[0], info, start_s=options.start_s, end_s=until_s, progress=True
+    )
+    with closing(frames):
+        shown = islice(frames, count)
+        return explain_tracked(shown, tracker, pose_doubt=_pose_doubt(estimate))
+
+
+def _explain_still(
+    file: Path, camera: Camera, settings: DriveSettings, estimate: PoseEstimate | None
+) -> Explanation:
+    """Explain a still, with the detection that its pose was estimated from."""
+    image = read_image(file)
+    detection = estimate.still if estimate else None
+    if detection is None and settings.markings:
+        detection = detect_still(image, camera, markings=settings.markings)
+    pose_doubt = _pose_doubt(estimate)
+    return explain(image, camera, detection=detection, pose_doubt=pose_doubt)
 
 
 class Label:
@@ -484,7 +538,10 @@ class Score:
     )
 
     def add_arguments(self, parser: argparse.ArgumentParser) -> None:
-        words = "labels: a file, to which the names of the stills are relative, or a folder of labelme"
+        words = (
+            "labels: a file, to which the names of the stills are relative, or a "
+            "folder of labelme"
+        )
         parser.add_argument("labels", type=Path, metavar="LABELS", help=words)
         words = "lines that a program predicts, in the same forms"
         parser.add_argument("predictions", type=Path, metavar="PREDICTIONS", help=words)
@@ -498,7 +555,8 @@ class Score:
         camera = load_camera(options.camera) if options.camera else None
         if camera and not camera.pose:
             raise CameraError(
-                f"{options.camera}: holds no camera pose; use the file that `pose` writes."
+                f"{options.camera}: holds no camera pose; use the file that `pose` "
+                "writes."
             )
 
         folder = labels_folder(options.labels)
@@ -514,9 +572,8 @@ class Score:
         notes = ""
         for what, some in describe_predictions(labels, predictions, pictures):
             if some:
-                notes += (
-                    f"note: {len(some)} of {len(labels)} {what}: {_list_names(some)}\n"
-                )
+                count = f"{len(some)} of {len(labels)}"
+                notes += f"note: {count} {what}: {_list_names(some)}\n"
         page = write_score_page(
             options.output,
             scores,
@@ -531,10 +588,10 @@ class Score:
 
 _CLASSES = (Calibrate, Pose, Annotate, Detect, Explain, Label, Score)
 COMMANDS = {command.__name__.lower(): command() for command in _CLASSES}
-_EPILOG = "commands:\n" + "".join(
-    f"  {name:<9}  {command.SUMMARY}\n" for name, command in COMMANDS.items()
-)
+_SUMMARIES = [f"  {name:<9}  {command.SUMMARY}" for name, command in COMMANDS.items()]
+_EPILOG = "\n".join(["commands:", *_SUMMARIES])
 _EPILOG += """
+
 In a clone of the project, python -m simulator renders roads with ground truth and
 python -m benchmark scores lane finders.
 
@@ -545,18 +602,21 @@ examples:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run a command; returns its exit status, see `run_command`."""
-    arguments = sys.argv[1:] if arguments is None else arguments
+    if arguments is None:
+        arguments = sys.argv[1:]
     program = "lanes" if Path(sys.argv[0]).stem == "lanes" else "python -m lanes"
     parser = argparse.ArgumentParser(
         prog=program,
         usage=f"{program} [-h] COMMAND ...",
-        description="Find the ego lane in pictures and videos, measure it in metres, and draw it.",
+        description="Find the ego lane in pictures and videos, measure it in metres, "
+        "and draw it.",
         epilog=_EPILOG.format(program=program),
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     words = "one of the commands below; COMMAND --help describes it"
     parser.add_argument("command", type=_command_name, metavar="COMMAND", help=words)
-    parser.add_argument("--version", action="version", version=f"lanes {__version__}")
+    version = f"lanes {__version__}"
+    parser.add_argument("--version", action="version", version=version)
     name = parser.parse_args(arguments[:1]).command
     return run_command(COMMANDS[name], f"{program} {name}", arguments[1:])
 
@@ -592,25 +652,28 @@ def _add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -
         )
         parser.add_argument("--each", action="store_true", help=words)
     add_lens(parser)
-    words = f"true width of the lanes, metres, for a pose that is estimated (default: {LANE_WIDTH_M})"
     parser.add_argument(
         "--lane-width",
         dest="lane_width_m",
         type=bounded(float, 2, 6),
         metavar="M",
-        help=words,
+        help="true width of the lanes, metres, for a pose that is estimated "
+        f"(default: {LANE_WIDTH_M})",
     )
-    words = "measured height of the camera, metres, for a pose that is estimated"
     parser.add_argument(
         "--height",
         dest="height_m",
         type=bounded(float, *HEIGHT_RANGE_M),
         metavar="M",
-        help=words,
+        help="measured height of the camera, metres, for a pose that is estimated",
     )
-    words = "start at this time of each video, as 83.5 or 1:23.5"
     parser.add_argument(
-        "--start", dest="start_s", type=seconds, default=0.0, metavar="TIME", help=words
+        "--start",
+        dest="start_s",
+        type=seconds,
+        default=0.0,
+        metavar="TIME",
+        help="start at this time of each video, as 83.5 or 1:23.5",
     )
     parser.add_argument(
         "--end",
@@ -628,46 +691,52 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
     """
     parser.set_defaults(quiet=False, **vars(DriveOptions()))
     lens = parser.add_mutually_exclusive_group()
-    lens.add_argument(
-        "--camera",
-        type=Path,
-        metavar="YAML",
-        help="camera file written by `calibrate` or `pose`",
+    words = "camera file written by `calibrate` or `pose`"
+    lens.add_argument("--camera", type=Path, metavar="YAML", help=words)
+    words = (
+        "horizontal field of view of an uncalibrated lens, degrees (default: from the "
+        "EXIF of the stills, else 60)"
     )
-    words = "horizontal field of view of an uncalibrated lens, degrees (default: from the EXIF of the stills, else 60)"
     lens.add_argument("--hfov", type=bounded(float, 10, 150), metavar="DEG", help=words)
-    words = "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to calibrate the lens from"
+    words = (
+        "folder of pictures, or video, of a chessboard with 9 x 6 inner corners, to "
+        "calibrate the lens from"
+    )
     lens.add_argument("--boards", type=Path, metavar="PATH", help=words)
-    words = "lens of --hfov (default: equidistant, as of action cameras, for more than 95 degrees, else pinhole)"
+    words = (
+        "lens of --hfov (default: equidistant, as of action cameras, for more than 95 "
+        "degrees, else pinhole)"
+    )
     parser.add_argument("--lens", choices=LENSES, help=words)
-    words = "how far the camera is left of the middle of the car, metres; < 0: right (default: that of the camera file)"
-    limits = bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M)
     parser.add_argument(
-        "--camera-offset", dest="camera_offset_m", type=limits, metavar="M", help=words
-    )
-    words = f"width of the car over its tyres, metres, for departure warnings (default: {CAR_WIDTH_M})"
-    limits = bounded(float, *CAR_WIDTH_RANGE_M)
-    parser.add_argument(
-        "--car-width", dest="car_width_m", type=limits, metavar="M", help=words
+        "--camera-offset",
+        dest="camera_offset_m",
+        type=bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M),
+        metavar="M",
+        help="how far the camera is left of the middle of the car, metres; < 0: right "
+        "(default: that of the camera file)",
     )
     parser.add_argument(
-        "--topic",
-        metavar="NAME",
-        help="topic of the images in a robot log (default: the only one)",
+        "--car-width",
+        dest="car_width_m",
+        type=bounded(float, *CAR_WIDTH_RANGE_M),
+        metavar="M",
+        help="width of the car over its tyres, metres, for departure warnings "
+        f"(default: {CAR_WIDTH_M})",
     )
-    words = "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: together with our filters"
+    words = "topic of the images in a robot log (default: the only one)"
+    parser.add_argument("--topic", metavar="NAME", help=words)
+    words = (
+        "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: "
+        "together with our filters"
+    )
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
 
 
 def _add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
     """Add --output, with `what` as its help text."""
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path(default),
-        help=f"{what} (default: %(default)s)",
-    )
+    words = f"{what} (default: %(default)s)"
+    parser.add_argument("-o", "--output", type=Path, default=Path(default), help=words)
 
 
 def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
@@ -677,69 +746,35 @@ def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
     sources = find_sources(map(str, options.files))
     settings = _read_settings(options, sources)
     image = next(sample_images(sources.files, 1, topic=options.topic))
-    return camera_for(settings, image.shape[1::-1], sources.files[0]), settings
+    height, width = image.shape[:2]
+    return camera_for(settings, (width, height), sources.files[0]), settings
 
 
 def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
 
-    Prints the field of view of an uncalibrated lens, unless --hfov gives a usual one,
-    or with --each all stills name theirs.
+    Prints which files were skipped, and what `_find_field` prints.
     """
-    own = [path for path in sources.skipped if path.name.endswith(MESSAGES_SUFFIX)]
-    labels = {label_file(still) for still in sources.stills}
-    others = [
-        path for path in sources.skipped if path not in own and path not in labels
-    ]
-    for what, paths in (
-        ("neither a video nor an image", others),
-        ("written by annotate", own),
-    ):
-        if paths:
-            print(f"note: skipped, {what}: {_list_names(paths)}", file=sys.stderr)
+    _note_skipped(sources)
     if options.lens and options.hfov is None:
         raise ValueError(
             "--lens needs a field of view; give --hfov as well, or omit --lens."
         )
     require_topic(sources.files, options.topic)
-    camera = field = None
-    quiet = options.quiet
-    each = options.each
+
+    camera = None
+    field = None
     if options.camera:
         camera = load_camera(options.camera)
     elif options.boards:
-        camera = calibrate(
-            options.boards, progress=None if quiet else progress_line("boards")
-        )
-    elif options.hfov is not None:
-        field = given_field_of_view(options.hfov, options.lens)
-        if field.doubtful and not options.lens:
-            print(f"warning: {field.describe()}", file=sys.stderr)
+        progress = None if options.quiet else progress_line("boards")
+        camera = calibrate(options.boards, progress=progress)
     else:
-        field = find_field_of_view(() if each else sources.files, options.topic)
-        of_stills = (
-            [find_field_of_view([still]) for still in sources.stills] if each else []
-        )
-        shown = (
-            [field]
-            if not each
-            or sources.videos
-            or any(of_still.assumed for of_still in of_stills)
-            else []
-        )
-        shown += [
-            of_still
-            for of_still in of_stills
-            if of_still.doubtful and not of_still.assumed
-        ][:1]
-        for some in shown:
-            print(
-                f"{'warning: ' if some.doubtful else ''}{some.describe()}",
-                file=sys.stderr,
-            )
+        field = _find_field(options, sources)
     if options.end_s is not None and options.end_s <= options.start_s:
         raise ValueError(
-            f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a later end."
+            f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a "
+            "later end."
         )
     markings = load_markings(options.markings) if options.markings else None
     return DriveSettings(
@@ -762,10 +797,58 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
     )
 
 
-def _camera_options(options: argparse.Namespace) -> str:
-    """The options of camera and pose that were given, as a part of another command
-    line.
+def _note_skipped(sources: Sources) -> None:
+    """Print which files are no input; label files of the stills are not named."""
+    labels = {label_file(still) for still in sources.stills}
+    ours = []
+    others = []
+    for path in sources.skipped:
+        if path.name.endswith(MESSAGES_SUFFIX):
+            ours.append(path)
+        elif path not in labels:
+            others.append(path)
+    if others:
+        words = "neither a video nor an image"
+        print(f"note: skipped, {words}: {_list_names(others)}", file=sys.stderr)
+    if ours:
+        words = "written by annotate"
+        print(f"note: skipped, {words}: {_list_names(ours)}", file=sys.stderr)
+
+
+def _find_field(options: argparse.Namespace, sources: Sources) -> FieldOfView:
+    """The field of view of an uncalibrated lens.
+
+    It is printed, unless --hfov gives a usual one, or with --each all stills name
+    theirs.
     """
+    if options.hfov is not None:
+        field = given_field_of_view(options.hfov, options.lens)
+        if field.doubtful and not options.lens:
+            _print_fields([field])
+        return field
+    if not options.each:
+        field = find_field_of_view(sources.files, options.topic)
+        _print_fields([field])
+        return field
+
+    field = find_field_of_view((), options.topic)
+    of_stills = [find_field_of_view([still]) for still in sources.stills]
+    if sources.videos or any(of_still.assumed for of_still in of_stills):
+        _print_fields([field])
+    named = [of_still for of_still in of_stills if not of_still.assumed]
+    doubtful = [of_still for of_still in named if of_still.doubtful]
+    _print_fields(doubtful[:1])
+    return field
+
+
+def _print_fields(fields: Iterable[FieldOfView]) -> None:
+    for field in fields:
+        warning = "warning: " if field.doubtful else ""
+        print(f"{warning}{field.describe()}", file=sys.stderr)
+
+
+def _camera_options(options: argparse.Namespace) -> str:
+    """The options of camera and pose that were given, for another command line."""
     given = {
         "camera": options.camera,
         "hfov": options.hfov,
@@ -807,9 +890,8 @@ def _pattern(text: str) -> tuple[int, int]:
     9x6.
     """
     columns, _, rows = text.lower().partition("x")
-    if not (
-        columns.isdecimal() and rows.isdecimal() and min(int(columns), int(rows)) >= 3
-    ):
+    are_numbers = columns.isdecimal() and rows.isdecimal()
+    if not are_numbers or min(int(columns), int(rows)) < 3:
         raise argparse.ArgumentTypeError(
             f"{text} is not a chessboard pattern; write its inner corners like 9x6, at "
             "least 3x3"
@@ -820,7 +902,7 @@ def _pattern(text: str) -> tuple[int, int]:
 def _row_range(text: str) -> range:
     """An argparse type: image rows, written like 420:701:10."""
     try:
-        wanted = range(*(int(part) for part in text.split(":")))
+        wanted = range(*map(int, text.split(":")))
     except (TypeError, ValueError) as error:
         raise argparse.ArgumentTypeError(
             f"{text} is not a row range; write it like 420:701:10"

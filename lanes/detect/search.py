@@ -326,11 +326,12 @@ class Search:
 class StillDetection:
     """The result of a detection in an image, with its intermediate results.
 
-    `search` is None without stripes near the car, or if a tracker made none; `lane` is
-    None if no lane is seen.
+    `settings` are those that it was made with. `search` is None without stripes near
+    the car, or if a tracker made none; `lane` is None if no lane is seen.
     """
 
     evidence: Evidence
+    settings: DetectorSettings
     search: Search | None = None
     lane: Lane | None = None
 
@@ -351,15 +352,15 @@ def search_lane(
     """Search the ego lane in the evidence of one image."""
     stripes = evidence.stripes
     if not len(near_stripes(stripes, settings.fit)):
-        return StillDetection(evidence)
+        return StillDetection(evidence, settings)
     votes, starts = vote_lanes(
         stripes, evidence.view, settings.fit.prior, settings.votes
     )
     near, fit = fit_starts(starts, stripes, evidence.view, settings.fit)
     search = Search(votes, near, fit)
     if not fit.seen[0]:
-        return StillDetection(evidence, search)
-    return StillDetection(evidence, search, _found_lane(fit, evidence))
+        return StillDetection(evidence, settings, search)
+    return StillDetection(evidence, settings, search, _found_lane(fit, evidence))
 
 
 def _found_lane(fit: Fit, evidence: Evidence) -> Lane:

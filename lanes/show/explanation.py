@@ -1,8 +1,8 @@
 """Explanation of a lane detection: every step from the raw image to the lane in metres,
 with its numbers.
 
-    image -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction ->
-    fit -> lane
+    image -> pose -> bird's-eye view -> markings -> stripes -> votes or prediction
+    -> fit -> lane
 
 It reads the results that the detection or the tracker kept. If no lane was found, or a
 doubtful one, it names the step, the reason and what to do.
@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from lanes.detect.confidence import (
     log_odds_losses,
 )
 from lanes.detect.evidence import Evidence, strength_weight
-from lanes.detect.fit import FIT, Fit, near_stripes
+from lanes.detect.fit import Fit, FitSettings, near_stripes
 from lanes.detect.lane import COASTING, LOST, Lane
 from lanes.detect.road import (
     CENTRE,
@@ -51,14 +52,24 @@ RE_ESTIMATE_POSE = (
 )
 OTHER_PICTURES = (
     "The pose was estimated from these files: give the field of view (--hfov), another "
-    "part of the video (--start, "
-    "--end) or pictures that show both lines by day, or a camera file with the pose "
-    "(--camera). Annotate stills of "
-    "several cameras with --each."
+    "part of the video (--start, --end) or pictures that show both lines by day, or a "
+    "camera file with the pose (--camera). Annotate stills of several cameras with "
+    "--each."
 )
+# Median lightness of a road that is too dark or too bright to show paint, and the
+# smallest range of its lightness, 0 to 255.
+BLACK_BELOW = 20
+GLARING_ABOVE = 240
+LEAST_CONTRAST = 6
+# A larger pitch motion, in standard deviations of the prior, is no bump.
+MAX_PITCH_STDS = 3
 # Stripes parallel to the lane in a strip of this width are a line, if they are on this
-# share of the rows.
-STRIP_M, LEAST_PAINT = 0.4, 0.15
+# share of the rows. Strips are searched up to this distance to either side.
+STRIP_M = 0.4
+LEAST_PAINT = 0.15
+STRIPS_HALF_WIDTH_M = 8.0
+# A start hypothesis whose centre or width differs by more is another lane.
+OTHER_LANE_M = 0.5
 
 
 @dataclass(frozen=True)
@@ -111,19 +122,18 @@ class Explanation(ByValue):
 
     @property
     def failed(self) -> Step | None:
-        """The step that failed, or that gives a low confidence; None if no step failed."""
+        """The step that failed, or that gives a low confidence; None if no step
+        failed.
+        """
         return self.steps[-1] if self.steps[-1].failure else None
 
     def describe(self) -> str:
         """Text of several lines: steps, result, failure and advice."""
-        lines = [
-            f"{step.name:<10} {step.summary}" for step in self.steps
-        ] + self.describe_result()
+        lines = [f"{step.name:<10} {step.summary}" for step in self.steps]
+        lines += self.describe_result()
         if self.failed:
-            lines += [
-                f"failed at  {self.failed.name}: {self.failed.failure}",
-                f"what to do {self.failed.advice}",
-            ]
+            lines.append(f"failed at  {self.failed.name}: {self.failed.failure}")
+            lines.append(f"what to do {self.failed.advice}")
         return "\n".join(lines)
 
     def describe_result(self) -> list[str]:
@@ -132,22 +142,24 @@ class Explanation(ByValue):
         """
         words = {"state": LOST}
         if self.lane:
-            terms = self.lane.log_odds_terms
-            total = " ".join(f"{term:+z.2f} ({name})" for name, term in terms.items())
-            odds = f"log odds {sum(terms.values()):+z.2f} = {total}"
-            words = self.lane.summary() | {
-                "confidence": f"{self.lane.confidence:.0%}, {odds}"
-            }
+            words = self.lane.summary()
+            odds = _describe_log_odds(self.lane)
+            words["confidence"] = f"{self.lane.confidence:.0%}, {odds}"
             words["weakest"], _ = _weakest_evidence(self.lane, "")
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
-            words |= {"ignored": ignored} if ignored else {}
-        rejected = [f"rejected   {c.reason}" for c in self.candidates if not c.chosen]
-        return [f"{name:<10} {text}" for name, text in words.items()] + rejected[:3]
+            if ignored:
+                words["ignored"] = ignored
+
+        lines = [f"{name:<10} {text}" for name, text in words.items()]
+        rejected = [lane for lane in self.candidates if not lane.chosen]
+        lines += [f"rejected   {lane.reason}" for lane in rejected[:3]]
+        return lines
 
     __str__ = describe
 
     def __repr__(self) -> str:
-        return f"Explanation({self.lane}, {f'failed at {self.failed.name}' if self.failed else 'all steps passed'})"
+        result = f"failed at {self.failed.name}" if self.failed else "all steps passed"
+        return f"Explanation({self.lane}, {result})"
 
 
 def explain(
@@ -182,18 +194,36 @@ def explain(
     try:
         detection = detection or detect_still(image, camera)
     except CameraError as error:
-        advice = RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
-        failed = Step("birdseye", "no road in the picture", str(error), advice)
-        return Explanation(
-            image,
-            camera,
-            _up_to_failure([*_first_steps(image, camera, pose_doubt), failed]),
-        )
+        advice = _pose_advice(pose_doubt)
+        steps = _first_steps(image, camera, pose_doubt)
+        steps.append(Step("birdseye", "no road in the picture", str(error), advice))
+        return Explanation(image, camera, _up_to_failure(steps))
     return _explain_detection(image, camera, pose_doubt, detection)
 
 
+class _TrackedFrame(NamedTuple):
+    """Time of a frame, state of the lane, and whether one of its lines was seen."""
+
+    time_s: float
+    state: str
+    seen: bool
+
+
+class _Tracking(NamedTuple):
+    """What a tracker adds to a detection: the fit to the frame, the predicted lane
+    (15,), and the frames before in words.
+    """
+
+    fit: Fit | None
+    prediction: np.ndarray | None
+    before: str
+
+
 def explain_tracked(
-    frames: Iterable[TimedFrame], tracker: LaneTracker, *, pose_doubt: str | None = None
+    frames: Iterable[TimedFrame],
+    tracker: LaneTracker,
+    *,
+    pose_doubt: str | None = None,
 ) -> Explanation:
     """Every step of the tracker in the last of some consecutive frames, in which it
     tracks the lane.
@@ -208,17 +238,22 @@ def explain_tracked(
         except CameraError:  # no road in view
             return explain(frame.image, tracker.camera, pose_doubt=pose_doubt)
         lane = tracker.tracked_lane
+        state = lane.state if lane else LOST
         seen = lane is not None and any(line.seen for line in lane.evidence)
-        track.append((frame.time_s, lane.state if lane else LOST, seen))
+        track.append(_TrackedFrame(frame.time_s, state, seen))
+
     assert tracker.evidence is not None
-    detection = StillDetection(tracker.evidence, tracker.search, lane)
+    detection = StillDetection(
+        tracker.evidence, tracker.settings.detector, tracker.search, lane
+    )
+    predicted = tracker.prediction
+    tracking = _Tracking(
+        fit=tracker.fit,
+        prediction=None if predicted is None else predicted.lane,
+        before=_describe_track(track),
+    )
     return _explain_detection(
-        frame.image,
-        tracker.camera,
-        pose_doubt,
-        detection,
-        tracker,
-        _describe_track(track),
+        frame.image, tracker.camera, pose_doubt, detection, tracking
     )
 
 
@@ -227,83 +262,113 @@ def _explain_detection(
     camera: Camera,
     pose_doubt: str | None,
     detection: StillDetection,
-    tracker: LaneTracker | None = None,
-    track: str = "",
+    tracking: _Tracking | None = None,
 ) -> Explanation:
-    """Explanation of a detection in an image, or in a frame of a tracker; `track`
-    describes the frames before.
-    """
-    evidence = detection.evidence
+    """Explanation of a detection in an image, or in a frame of a tracker."""
     search = detection.search
-    lane = detection.lane
-    advice = RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
-    fit, predicted = (tracker.fit, tracker.prediction) if tracker else (None, None)
-    fit = fit or (search.fit if search else None)
-    steps = [*_first_steps(image, camera, pose_doubt), _check_birdseye(evidence)]
-    steps += [_check_markings(evidence, advice), _check_stripes(evidence, advice)]
-    if search:
-        best = search.starts.lanes[0]
-        votes = f"best: {best[WIDTH]:.1f} m wide, {describe_bend(best[CURVATURE])}"
-        steps.append(
-            Step("votes", f"{len(search.starts.lanes)} lanes proposed, {votes}")
-        )
-    if predicted:
-        steps.append(Step("prediction", f"{track}; {_describe_place(predicted.lane)}"))
-    if fit:
-        steps.append(_check_fit(fit, advice))
-    if lane is not None:
+    tracking = tracking or _Tracking(None, None, "")
+    fit = tracking.fit
+    if fit is None and search is not None:
+        fit = search.fit
+
+    steps = _first_steps(image, camera, pose_doubt)
+    steps += _later_steps(detection, fit, tracking, _pose_advice(pose_doubt))
+    if detection.lane is not None:
         # A lane was found, so an earlier failure was not decisive.
-        steps = [replace(step, failure="", advice="") for step in steps] + [
-            _check_lane(lane, advice, pose_doubt)
-        ]
-    elif track:
-        steps = [
-            replace(step, failure=step.failure and f"{step.failure} Before: {track}.")
-            for step in steps
-        ]
-    candidates = (
-        _list_candidates(search, fit, found=lane is not None) if search and fit else ()
-    )
-    prediction = predicted.lane if predicted else None
+        steps = [replace(step, failure="", advice="") for step in steps]
+        limits = detection.settings.fit
+        steps.append(_check_lane(detection.lane, limits, pose_doubt))
+    elif tracking.before:
+        steps = [_with_track(step, tracking.before) for step in steps]
+
+    candidates: tuple[Candidate, ...] = ()
+    if search is not None and fit is not None:
+        candidates = _list_candidates(search, fit, found=detection.lane is not None)
     return Explanation(
-        image, camera, _up_to_failure(steps), detection, fit, prediction, candidates
+        image=image,
+        camera=camera,
+        steps=_up_to_failure(steps),
+        detection=detection,
+        fit=fit,
+        prediction=tracking.prediction,
+        candidates=candidates,
     )
+
+
+def _pose_advice(pose_doubt: str | None) -> str:
+    return RE_ESTIMATE_POSE if pose_doubt is None else OTHER_PICTURES
 
 
 def _first_steps(
     image: np.ndarray, camera: Camera, pose_doubt: str | None
 ) -> list[Step]:
+    """The image and the camera pose."""
+    size = f"{camera.width}x{camera.height} px"
+    brightness = f"mean brightness {image.mean():.0f} of 255"
     pose = camera.require_pose().describe()
     return [
-        Step(
-            "picture",
-            f"{camera.width}x{camera.height} px, mean brightness {image.mean():.0f} of 255",
-        ),
+        Step("picture", f"{size}, {brightness}"),
         Step("pose", pose, pose_doubt or "", OTHER_PICTURES),
     ]
 
 
-def _describe_track(track: Sequence[tuple[float, str, bool]]) -> str:
-    """The track before the last frame in words, from time, state and whether the lane
-    was seen, of each frame.
-    """
-    *before, (now_s, _, _) = track
-    seen_s = [time_s for time_s, _, seen in before if seen]
+def _later_steps(
+    detection: StillDetection, fit: Fit | None, tracking: _Tracking, pose_advice: str
+) -> list[Step]:
+    """The steps from the bird's-eye view to the fit."""
+    evidence = detection.evidence
+    steps = [
+        _check_birdseye(evidence),
+        _check_markings(evidence, pose_advice),
+        _check_stripes(evidence, detection.settings.fit, pose_advice),
+    ]
+    if detection.search is not None:
+        steps.append(_describe_votes(detection.search))
+    if tracking.prediction is not None:
+        lines = _describe_place(tracking.prediction)
+        steps.append(Step("prediction", f"{tracking.before}; {lines}"))
+    if fit is not None:
+        steps.append(_check_fit(fit, pose_advice))
+    return steps
+
+
+def _with_track(step: Step, before: str) -> Step:
+    """The step; its failure, if any, says what was tracked before."""
+    if not step.failure:
+        return step
+    return replace(step, failure=f"{step.failure} Before: {before}.")
+
+
+def _describe_track(track: Sequence[_TrackedFrame]) -> str:
+    """The track before the last frame, in words."""
+    *before, now = track
+    seen_s = [frame.time_s for frame in before if frame.seen]
     if not seen_s:
         return "no lane was known"
-    last = max(n for n, (_, state, _) in enumerate(before) if state != LOST)
-    next_s, next_state, _ = track[last + 1]
-    if next_state == LOST:
-        return f"the track was lost at {next_s:.2f} s, {next_s - seen_s[-1]:.2f} s after the lane was last seen"
-    began_s = max(
-        (time_s for time_s, state, _ in before if state == LOST), default=before[0][0]
+    last_seen_s = seen_s[-1]
+
+    known = [n for n, frame in enumerate(before) if frame.state != LOST]
+    following = track[known[-1] + 1]
+    if following.state == LOST:
+        unseen_s = following.time_s - last_seen_s
+        return (
+            f"the track was lost at {following.time_s:.2f} s, {unseen_s:.2f} s after "
+            "the lane was last seen"
+        )
+
+    lost_s = [frame.time_s for frame in before if frame.state == LOST]
+    began_s = lost_s[-1] if lost_s else before[0].time_s
+    return (
+        f"{before[known[-1]].state}, lane known for {now.time_s - began_s:.2f} s and "
+        f"last seen {now.time_s - last_seen_s:.2f} s ago"
     )
-    return f"{before[last][1]}, lane known for {now_s - began_s:.2f} s and last seen {now_s - seen_s[-1]:.2f} s ago"
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
-    failed = next((n for n, step in enumerate(steps) if step.failure), len(steps))
-    return tuple(steps[: failed + 1])
+    for number, step in enumerate(steps, start=1):
+        if step.failure:
+            return tuple(steps[:number])
+    return tuple(steps)
 
 
 def _check_birdseye(evidence: Evidence) -> Step:
@@ -313,55 +378,78 @@ def _check_birdseye(evidence: Evidence) -> Step:
     view = evidence.view
     levels = lightness(evidence.view_image)[view.seen]
     low, median, high = np.percentile(levels, [0.1, 50, 99.9])
-    part = f"{view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m"
-    summary = f"picture covers {part}, brightness {median:.0f}"
     failure = ""
-    if median < 20:
+    if median < BLACK_BELOW:
         failure = f"the road is almost black (median {median:.0f} of 255)."
-    elif median > 240:
+    elif median > GLARING_ABOVE:
         failure = f"the road is glaring white (median {median:.0f} of 255)."
-    elif high - low < 6:
+    elif high - low < LEAST_CONTRAST:
         failure = f"the road has no contrast (grey levels {low:.0f} to {high:.0f})."
-    advice = (
+
+    part = f"{view.seen.mean():.0%} of {view.near_m:.0f} to {view.far_m:.0f} m"
+    return Step(
+        "birdseye",
+        f"picture covers {part}, brightness {median:.0f}",
+        failure,
         "Take another part (--start, --end). Before a drive clean the windscreen, and "
-        "set the exposure for the road."
+        "set the exposure for the road.",
     )
-    return Step("birdseye", summary, failure, advice)
 
 
 def _check_markings(evidence: Evidence, pose_advice: str) -> Step:
     """Check that the marking response is large enough anywhere."""
+    settings = evidence.settings
     strength = evidence.response.strength[evidence.view.seen]
-    minimum = evidence.settings.min_strength
     best = strength.max(initial=0)
-    share = (strength > minimum).mean()
-    summary = f"strongest {best:.0f} x noise, {share:.1%} of the road above {minimum:g}"
-    failure = "nothing is brighter or yellower than the road on both sides of it and as wide as a painted line."
+    least = settings.min_strength
+    share = f"{(strength > least).mean():.1%} of the road"
     if "network" in evidence.sources:
-        best_p, minimum_p = strength_weight(
-            np.array([best, minimum]), evidence.settings
+        best_p, least_p = strength_weight(np.array([best, least]), settings)
+        summary = (
+            f"probability of paint up to {best_p:.0%}, {share} above {least_p:.0%}"
         )
-        summary = f"probability of paint up to {best_p:.0%}, {share:.1%} of the road above {minimum_p:.0%}"
-        failure = f"no paint is found with a probability above {minimum_p:.0%}."
-    advice = "Check whether the road has lines, and whether the bird's-eye view shows them. If it does not: "
+        failure = f"no paint is found with a probability above {least_p:.0%}."
+    else:
+        summary = f"strongest {best:.0f} x noise, {share} above {least:g}"
+        failure = (
+            "nothing is brighter or yellower than the road on both sides of it and as "
+            "wide as a painted line."
+        )
+    advice = (
+        "Check whether the road has lines, and whether the bird's-eye view shows them. "
+        "If it does not: "
+    )
     return Step(
-        "markings", summary, "" if best > minimum else failure, advice + pose_advice
+        "markings", summary, "" if best > least else failure, advice + pose_advice
     )
 
 
-def _check_stripes(evidence: Evidence, pose_advice: str) -> Step:
+def _check_stripes(evidence: Evidence, settings: FitSettings, pose_advice: str) -> Step:
     """Check that there are stripes at the near end of the road, where the search
     starts.
     """
-    count = len(evidence.stripes)
-    near = len(near_stripes(evidence.stripes, FIT))
-    near_m = FIT.start[-1][0]
-    summary = f"{count} candidates, {near} of them within {near_m} m"
-    failure = (
-        "" if near else f"no stripe is nearer than {near_m} m, where the search starts."
+    near = len(near_stripes(evidence.stripes, settings))
+    near_m, _ = settings.start[-1]
+    failure = ""
+    if not near:
+        failure = f"no stripe is nearer than {near_m} m, where the search starts."
+    advice = (
+        "Check whether the bonnet or a car hides the road, or the lines end here. If "
+        "not: "
     )
-    advice = "Check whether the bonnet or a car hides the road, or the lines end here. If not: "
-    return Step("stripes", summary, failure, advice + pose_advice)
+    return Step(
+        "stripes",
+        f"{len(evidence.stripes)} candidates, {near} of them within {near_m} m",
+        failure,
+        advice + pose_advice,
+    )
+
+
+def _describe_votes(search: Search) -> Step:
+    proposed = search.starts.lanes
+    bend = describe_bend(proposed[0, CURVATURE])
+    best = f"best: {proposed[0, WIDTH]:.1f} m wide, {bend}"
+    return Step("votes", f"{len(proposed)} lanes proposed, {best}")
 
 
 def _check_fit(fit: Fit, pose_advice: str) -> Step:
@@ -369,132 +457,156 @@ def _check_fit(fit: Fit, pose_advice: str) -> Step:
     too small to start a track.
     """
     support = fit.support[0]
-    summary = f"score {np.sqrt(support).sum():.2f}, {_describe_paint(support)}"
+    score = np.sqrt(support).sum()
     failure = "the score of the best lane is too small to start a track"
     if not fit.seen[0]:
-        failure = f"the best lane and its neighbours have paint on less than {FIT.min_support:.0%} of the rows"
+        failure = (
+            "the best lane and its neighbours have paint on less than "
+            f"{fit.settings.min_support:.0%} of the rows"
+        )
+    advice = (
+        "Check in the bird's-eye view whether the road has lines here, and whether "
+        "they are parallel. If they are, the car is crossing a line or in a hairpin, "
+        "and in a video the tracker bridges it. If they diverge or converge, the "
+        "camera pose is wrong. "
+    )
     return Step(
         "fit",
-        summary,
+        f"score {score:.2f}, {_describe_paint(support)}",
         f"{failure}: the stripes do not line up.",
-        "Check in the bird's-eye view whether the road has lines here, and whether "
-        "they are parallel. If they are, the "
-        "car is crossing a line or in a hairpin, and in a video the tracker bridges "
-        "it. If they diverge or converge, "
-        "the camera pose is wrong. " + pose_advice,
+        advice + pose_advice,
     )
 
 
-def _check_lane(lane: Lane, pose_advice: str, pose_doubt: str | None) -> Step:
-    """Check the confidence and the pitch motion of the lane found: a bump does not
-    exceed three standard deviations.
-    """
-    summary = f"{lane.state}, confidence {lane.confidence:.0%}, score {lane.score:.2f}"
-    if abs(lane.pitch_rad) >= 3 * FIT.prior.std[PITCH]:
-        turned = f"{np.degrees(abs(lane.pitch_rad)):.1f} deg farther {'down' if lane.pitch_rad > 0 else 'up'}"
+def _check_lane(lane: Lane, settings: FitSettings, pose_doubt: str | None) -> Step:
+    """Check the pitch motion and the confidence of the lane found."""
+    pose_advice = _pose_advice(pose_doubt)
+    failure = ""
+    advice = ""
+    pitch_rad = abs(lane.pitch_rad)
+    if pitch_rad >= MAX_PITCH_STDS * settings.prior.std[PITCH]:
+        side = "down" if lane.pitch_rad > 0 else "up"
+        turned = f"{np.degrees(pitch_rad):.1f} deg farther {side}"
         failure = f"the camera seems to look {turned} than its pose says."
-        return Step(
-            "lane",
-            summary,
-            failure,
-            "On a crest or a bump no action is needed. Otherwise: " + pose_advice,
-        )
-    if lane.confidence < LIKELY_CONFIDENCE:
+        advice = f"On a crest or a bump no action is needed. Otherwise: {pose_advice}"
+    elif lane.confidence < LIKELY_CONFIDENCE:
         failure, advice = _weakest_evidence(lane, pose_advice)
         if pose_doubt:
             failure = f"{failure} The camera pose is doubtful, too: {pose_doubt}"
             advice = f"{advice.removesuffix(pose_advice)} {pose_advice}"
-        return Step("lane", summary, failure, advice)
-    return Step("lane", summary)
+
+    confidence = f"confidence {lane.confidence:.0%}"
+    summary = f"{lane.state}, {confidence}, score {lane.score:.2f}"
+    return Step("lane", summary, failure, advice)
+
+
+def _describe_log_odds(lane: Lane) -> str:
+    """The log odds of the confidence as a sum."""
+    terms = lane.log_odds_terms
+    summands = [f"{term:+z.2f} ({name})" for name, term in terms.items()]
+    return f"log odds {sum(terms.values()):+z.2f} = {' '.join(summands)}"
 
 
 def _weakest_evidence(lane: Lane, pose_advice: str) -> tuple[str, str]:
     """What speaks most against a lane, likely or not, and what to do."""
-    unseen = [
-        name
-        for name, line in (("left", lane.left), ("right", lane.right))
-        if not line.seen
-    ]
+    unseen = []
+    if not lane.left.seen:
+        unseen.append("left")
+    if not lane.right.seen:
+        unseen.append("right")
     if lane.state == COASTING and len(unseen) == 2:
-        failure = "neither line is seen; the lane is predicted from the frames before."
         return (
-            failure,
-            "No action is needed if a car or a shadow hides the lines for less than a second.",
+            "neither line is seen; the lane is predicted from the frames before.",
+            "No action is needed if a car or a shadow hides the lines for less than a "
+            "second.",
         )
     if unseen:
+        advice = (
+            "If the road has no such line, no action is needed: in a video the tracker "
+            "keeps the lane width from earlier frames. If it has one, and the lines "
+            "are not parallel in the bird's-eye view, the camera pose is wrong. "
+        )
         return (
             f"the {unseen[0]} line is not seen; its position follows from the other "
             "line and the usual lane width.",
-            "If the road has no such line, no action is needed: in a video the tracker "
-            "keeps the lane width from "
-            "earlier frames. If it has one, and the lines are not parallel in the "
-            "bird's-eye view, the camera pose is "
-            "wrong. " + pose_advice,
+            advice + pose_advice,
         )
+
     losses = log_odds_losses(lane.features)
     feature = max(losses, key=losses.__getitem__)
-    # what costs less than 1 of the log odds is no weakness
-    return _describe_weakness(
-        lane, feature if losses[feature] >= 1 else "weaker line", pose_advice
-    )
+    if losses[feature] < 1:  # no weakness
+        feature = "weaker line"
+    return _describe_weakness(lane, feature, pose_advice)
 
 
 def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str, str]:
     """A feature of the confidence in words, and what to do if it is bad."""
-    left, right = lane.lines
-    frames = "No action is needed if the next frames are better."
+    advice = "No action is needed if the next frames are better."
     if not lane.tracked:
-        frames = "Use the video instead of a still: the tracker combines many frames."
-    if feature == "odd heading":
-        yaw_rad = lane.camera_yaw_rad or 0.0
-        if abs(yaw_rad) > abs(lane.heading_rad):
-            return describe_wrong_yaw(-yaw_rad) + ".", pose_advice
-        return (
-            f"the lane points {np.degrees(abs(lane.heading_rad)):.1f} deg away from "
-            "the car's direction, more than "
-            "in a usual bend or lane change.",
-            "In a sharp lane change no action is needed. Otherwise: " + pose_advice,
-        )
-    words = {
-        "other lanes": (
-            f"only {lane.same_lane_share or 0:.0%} of the camera poses that fit this "
-            "picture show this lane, because "
-            "one picture shows the pose only roughly.",
-            "Give a camera file with a pose, or several pictures or a video of the "
-            "drive: `python -m lanes pose`.",
-        ),
-        "odd width": (
-            f"the lane width of {lane.width_m:.1f} m is implausible (usual: "
-            f"{USUAL_WIDTH_M} m): one of the "
-            "lines may be a kerb, a crack or a line of another lane, or the road is "
-            "unusual.",
-            "Check in the panel with the fit which line lies on paint. If all lanes are like this: "
-            + pose_advice,
-        ),
-        "between": (
-            f"other lines run between those of the lane: {lane.clear_share:.0%} of the "
-            "stripes along it are its own.",
-            "Check in the panel with the stripes what lies between the lines: a floor "
-            "of tiles, a road with other "
-            "markings, or two lanes that are taken for one. If a line of the lane itself lies there: "
-            + pose_advice,
-        ),
-        "weaker line": (
-            f"there is paint on {min(left.support, 1):.0%} of the left and "
-            f"{min(right.support, 1):.0%} of the right "
-            "line.",
-            frames,
-        ),
-        "near std": (
-            "the worse line has a standard deviation of "
-            f"{lateral_std_m(lane.covariance, 20.0).max():.1f} m at 20 m "
-            f"ahead: the paint found ends after {left.reach_m:.0f} m (left) and "
-            f"{right.reach_m:.0f} m (right).",
-            frames,
-        ),
-    }
-    return words.get(
-        feature, (f"{feature!r} contributes least to the confidence.", frames)
+        advice = "Use the video instead of a still: the tracker combines many frames."
+    left, right = lane.lines
+    match feature:
+        case "odd heading":
+            return _describe_odd_heading(lane, pose_advice)
+        case "other lanes":
+            return _describe_other_lanes(lane)
+        case "odd width":
+            return _describe_odd_width(lane, pose_advice)
+        case "between":
+            return _describe_clutter(lane, pose_advice)
+        case "weaker line":
+            left_paint = f"{min(left.support, 1):.0%} of the left"
+            right_paint = f"{min(right.support, 1):.0%} of the right"
+            return f"there is paint on {left_paint} and {right_paint} line.", advice
+        case "near std":
+            std_m = lateral_std_m(lane.covariance, 20.0).max()
+            weakness = (
+                f"the worse line has a standard deviation of {std_m:.1f} m at 20 m "
+                f"ahead: the paint found ends after {left.reach_m:.0f} m (left) and "
+                f"{right.reach_m:.0f} m (right)."
+            )
+            return weakness, advice
+    return f"{feature!r} contributes least to the confidence.", advice
+
+
+def _describe_odd_heading(lane: Lane, pose_advice: str) -> tuple[str, str]:
+    yaw_rad = lane.camera_yaw_rad or 0.0
+    heading_rad = abs(lane.heading_rad)
+    if abs(yaw_rad) > heading_rad:
+        return f"{describe_wrong_yaw(-yaw_rad)}.", pose_advice
+    return (
+        f"the lane points {np.degrees(heading_rad):.1f} deg away from the car's "
+        "direction, more than in a usual bend or lane change.",
+        f"In a sharp lane change no action is needed. Otherwise: {pose_advice}",
+    )
+
+
+def _describe_other_lanes(lane: Lane) -> tuple[str, str]:
+    return (
+        f"only {lane.same_lane_share or 0:.0%} of the camera poses that fit this "
+        "picture show this lane, because one picture shows the pose only roughly.",
+        "Give a camera file with a pose, or several pictures or a video of the drive: "
+        "`python -m lanes pose`.",
+    )
+
+
+def _describe_odd_width(lane: Lane, pose_advice: str) -> tuple[str, str]:
+    return (
+        f"the lane width of {lane.width_m:.1f} m is implausible (usual: "
+        f"{USUAL_WIDTH_M} m): one of the lines may be a kerb, a crack or a line of "
+        "another lane, or the road is unusual.",
+        "Check in the panel with the fit which line lies on paint. If all lanes are "
+        f"like this: {pose_advice}",
+    )
+
+
+def _describe_clutter(lane: Lane, pose_advice: str) -> tuple[str, str]:
+    return (
+        "other lines run between those of the lane: "
+        f"{lane.clear_share:.0%} of the stripes along it are its own.",
+        "Check in the panel with the stripes what lies between the lines: a floor of "
+        "tiles, a road with other markings, or two lanes that are taken for one. If a "
+        f"line of the lane itself lies there: {pose_advice}",
     )
 
 
@@ -502,62 +614,68 @@ def describe_ignored(lane: Lane, fit: Fit) -> str | None:
     """The line with most paint that is none of the lane's or of the adjacent lanes',
     and why; None if there is none.
     """
-    stripes = fit.stripes.select(fit.stripes.x_m < FIT.support_far_m)
-    # positions beside the car of lines through the stripes that are parallel to the
-    # middle of the lane
-    beside_m = (
-        stripes.y_m - fit.lines_y_m[0].mean(axis=0)[stripes.row] + lane.model[CENTRE]
-    )
-    taken_m = [line.offset_m for line in (*lane.lines, *lane.adjacent) if line]
-    places_m = np.arange(-8.0, 8.0, STRIP_M / 4)
-    places_m = places_m[(np.abs(places_m[:, None] - taken_m) > 2 * STRIP_M).all(axis=1)]
-    paint = (
-        (np.abs(places_m[:, None] - beside_m) < STRIP_M / 2)
-        @ stripes.weight
-        / fit.visible_rows.max()
-    )
+    # Lines through the stripes, parallel to the middle of the lane, pass the car here.
+    stripes = fit.stripes.select(fit.stripes.x_m < fit.settings.support_far_m)
+    middle_y_m = fit.lines_y_m[0].mean(axis=0)
+    beside_m = stripes.y_m - middle_y_m[stripes.row] + lane.model[CENTRE]
+
+    # strips away from the lines that were found
+    found_m = [line.offset_m for line in (*lane.lines, *lane.adjacent) if line]
+    strips_m = np.arange(-STRIPS_HALF_WIDTH_M, STRIPS_HALF_WIDTH_M, STRIP_M / 4)
+    from_found_m = np.abs(strips_m[:, None] - found_m)
+    free_m = strips_m[(from_found_m > 2 * STRIP_M).all(axis=1)]
+
+    # the strip with paint on most rows
+    in_strip = np.abs(free_m[:, None] - beside_m) < STRIP_M / 2
+    paint = in_strip @ stripes.weight / fit.visible_rows.max()
     if not len(paint) or paint.max() < LEAST_PAINT:
         return None
-    at_m = places_m[paint.argmax()]
+    ignored_m = free_m[paint.argmax()]
     share = min(paint.max(), 1.0)
-    side, other = (lane.left, lane.right) if at_m > 0 else (lane.right, lane.left)
-    width_m = abs(at_m - other.offset_m)
-    reason = (
-        f"the lane would be {width_m:.1f} m wide with it (usual: {USUAL_WIDTH_M} m)"
+    reason = _why_ignored(lane, ignored_m)
+    return (
+        f"a line at {ignored_m:+.1f} m with paint on {share:.0%} of the rows, because "
+        f"{reason}"
     )
-    if abs(width_m - USUAL_WIDTH_M) < abs(lane.width_m - USUAL_WIDTH_M) + WIDTH_STD_M:
-        reason = f"the line at {side.offset_m:+.1f} m has paint on {min(side.support, 1):.0%}"
-    return f"a line at {at_m:+.1f} m with paint on {share:.0%} of the rows, because {reason}"
+
+
+def _why_ignored(lane: Lane, ignored_m: float) -> str:
+    """Why the lane has another line than the one at `ignored_m` to the left."""
+    chosen, other = (lane.right, lane.left)
+    if ignored_m > 0:
+        chosen, other = (lane.left, lane.right)
+    width_m = abs(ignored_m - other.offset_m)
+    unusual_m = abs(width_m - USUAL_WIDTH_M)
+    if unusual_m < abs(lane.width_m - USUAL_WIDTH_M) + WIDTH_STD_M:
+        share = min(chosen.support, 1)
+        return f"the line at {chosen.offset_m:+.1f} m has paint on {share:.0%}"
+    return f"the lane would be {width_m:.1f} m wide with it (usual: {USUAL_WIDTH_M} m)"
 
 
 def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:
     """The fitted lane, and the other start hypotheses after their fit to the near
     stripes, with what they lack.
     """
-    near = search.starts
     chosen = fit.lanes[0]
-    lacks = "less paint near the car"
-    if fit is not search.fit:
-        lacks = "not the tracked lane"
-    candidates = [
-        Candidate(
-            chosen,
-            found,
-            f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}",
-        )
-    ]
-    share = near.marked_rows / max(int((fit.view.x_m < FIT.start[-1][0]).sum()), 1)
-    for lane, paint in zip(near.lanes, share, strict=True):
-        # others are the same lane
-        if np.abs(lane - chosen)[[CENTRE, WIDTH]].max() > 0.5:
-            why = lacks if is_ego_lane(lane[None])[0] else "not the ego lane"
-            candidates.append(
-                Candidate(
-                    lane,
-                    False,
-                    f"{_describe_place(lane)}: {why} ({_describe_paint(paint)})",
-                )
-            )
+    reason = f"{_describe_place(chosen)}: {_describe_paint(fit.support[0])}"
+    candidates = [Candidate(chosen, found, reason)]
+
+    starts = search.starts
+    near_m, _ = fit.settings.start[-1]
+    rows = int((fit.view.x_m < near_m).sum())
+    share = starts.marked_rows / max(rows, 1)
+    for lane, support in zip(starts.lanes, share, strict=True):
+        difference_m = np.abs(lane - chosen)[[CENTRE, WIDTH]]
+        if difference_m.max() <= OTHER_LANE_M:
+            continue
+        if not is_ego_lane(lane[None])[0]:
+            lacks = "not the ego lane"
+        elif fit is not search.fit:
+            lacks = "not the tracked lane"
+        else:
+            lacks = "less paint near the car"
+        reason = f"{_describe_place(lane)}: {lacks} ({_describe_paint(support)})"
+        candidates.append(Candidate(lane, False, reason))
     return tuple(candidates)
 
 

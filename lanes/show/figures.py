@@ -7,7 +7,6 @@ can be several); they neither compute nor show.
 from __future__ import annotations
 
 import textwrap
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -16,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lanes.camera.model import undistort
+from lanes.camera.model import Camera, undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
-from lanes.detect.fit import Fit
+from lanes.detect.evidence import Stripes
+from lanes.detect.lane import Lane, Line
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
-from lanes.detect.search import VOTES, Search, StillDetection
+from lanes.detect.search import StillDetection
 from lanes.files import write_atomically
 from lanes.show.draw import draw_lane
 from lanes.show.explanation import Explanation
@@ -54,12 +54,12 @@ def draw_on_road_grid(
 
     `x_m` (rows,) are farthest first, `y_m` (columns,) left first.
     """
-    axis.imshow(
-        image, extent=(y_m[0], y_m[-1], len(x_m) - 0.5, -0.5), aspect="auto", **look
-    )
+    rows = len(x_m)
+    borders = (y_m[0], y_m[-1], rows - 0.5, -0.5)
+    axis.imshow(image, extent=borders, aspect="auto", **look)
     marked_m = [mark_m for mark_m in _MARKED_M if x_m[-1] <= mark_m <= x_m[0]]
-    marks = np.interp(marked_m, x_m[::-1], np.arange(len(x_m))[::-1])
-    axis.set_yticks(marks, [f"{mark_m} m" for mark_m in marked_m])
+    marked_rows = np.interp(marked_m, x_m[::-1], np.arange(rows)[::-1])
+    axis.set_yticks(marked_rows, [f"{mark_m} m" for mark_m in marked_m])
     axis.set(xlabel="left (m)", ylabel="ahead")
 
 
@@ -106,7 +106,7 @@ def encode_figure(figure: Figure, kind: str, *, jpeg_quality: int = 85) -> bytes
 
 
 def figure_kind(path: Path) -> str:
-    """The format, "jpeg" or "png", by the suffix; raises ValueError for another suffix."""
+    """The format, "jpeg" or "png", by the suffix; raises ValueError for others."""
     kind = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}.get(path.suffix.lower())
     if kind is None:
         raise ValueError(
@@ -121,6 +121,7 @@ def figure_kind(path: Path) -> str:
 _ROAD_HALF_WIDTH_M = 9.0
 _HORIZON_COLOUR = rgb((255, 60, 255))
 _FAILED_COLOUR = "firebrick"
+_ON_NO_LINE_COLOUR = (150, 150, 150)
 
 
 def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
@@ -130,86 +131,87 @@ def show_explanation(explanation: Explanation) -> tuple[Figure, np.ndarray]:
     The nine axes are image, camera pose, bird's-eye view, marking response, stripes,
     votes, fit, overlay and text.
     """
-    said = (
-        {"votes": "no search in this frame"}
-        if explanation.prediction is not None
-        else {}
-    )
-    said = defaultdict(
-        lambda: "not reached",
-        said | {step.name: step.summary for step in explanation.steps},
-    )
-    detection = explanation.detection
-    lane = explanation.lane
+    summaries = _summaries(explanation)
+    without_result = _steps_without_result(explanation)
     failed = explanation.failed
-    search = detection.search if detection else None
-    result = (
-        f"Result: {lane.state}, confidence {lane.confidence:.0%}"
-        if lane
-        else "Result: no lane"
-    )
-    # title, function that plots the panel, and what it needs
-    panels: dict[str, tuple[str, Callable[[Axes, Explanation, Any], None], object]] = {
-        "picture": (f"Image: {said['picture']}", _plot_image, explanation.image),
-        "pose": (
-            f"Camera pose: {explanation.camera.require_pose().describe()}",
-            _plot_pose,
-            explanation,
-        ),
-        "birdseye": (f"Bird's-eye view: {said['birdseye']}", _plot_birdseye, detection),
-        "markings": (
-            f"Marking response: {said['markings']}",
-            _plot_markings,
-            detection,
-        ),
-        "stripes": (f"Stripes: {said['stripes']}", _plot_stripes, detection),
-        "votes": (f"Votes: {said['votes']}", _plot_votes, search),
-        "fit": (f"Fit: {said['fit']}", _plot_fit, explanation.fit),
-        "lane": (
-            result,
-            _plot_image,
-            draw_lane(explanation.image, lane, explanation.camera),
-        ),
-        "text": ("In words", _plot_text, explanation),
-    }
     figure, axes = new_figure(3, 3, (18, 11.5), height_ratios=(1, 1, 1.2))
-    for number, (axis, (step, (title, plot, needed))) in enumerate(
-        zip(axes, panels.items(), strict=True), 1
-    ):
-        if needed is None:
-            axis.text(
-                0.5, 0.5, said[step], ha="center", va="center", transform=axis.transAxes
-            )
-            axis.set_axis_off()
+    for axis, (step, (title, plot)) in zip(axes, _PANELS.items(), strict=True):
+        summary = summaries.get(step, "not reached")
+        if step in without_result:
+            _write_in_the_middle(axis, summary)
         else:
-            plot(axis, explanation, needed)
-        axis.set_title(f"{number} {title}", fontsize=10)
+            plot(axis, explanation)
+        axis.set_title(title.format(summary), fontsize=10)
         if failed and failed.name == step:
             axis.title.set_color(_FAILED_COLOUR)
     return figure, axes
 
 
-def _plot_image(axis: Axes, _: Explanation, image: np.ndarray) -> None:
-    axis.imshow(image)
+def _summaries(explanation: Explanation) -> dict[str, str]:
+    """The numbers of each step that was reached, and the result."""
+    summaries = {}
+    if explanation.prediction is not None:
+        summaries["votes"] = "no search in this frame"
+    for step in explanation.steps:
+        summaries[step.name] = step.summary
+    lane = explanation.lane
+    summaries["lane"] = "no lane"
+    if lane:
+        summaries["lane"] = f"{lane.state}, confidence {lane.confidence:.0%}"
+    return summaries
+
+
+def _steps_without_result(explanation: Explanation) -> set[str]:
+    steps = set()
+    if explanation.detection is None:
+        steps |= {"birdseye", "markings", "stripes", "votes"}
+    elif explanation.detection.search is None:
+        steps.add("votes")
+    if explanation.fit is None:
+        steps.add("fit")
+    return steps
+
+
+def _write_in_the_middle(axis: Axes, text: str) -> None:
+    axis.text(0.5, 0.5, text, ha="center", va="center", transform=axis.transAxes)
     axis.set_axis_off()
 
 
-def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
+def _detection(explanation: Explanation) -> StillDetection:
+    """The detection, of an explanation that has one."""
+    assert explanation.detection is not None
+    return explanation.detection
+
+
+def _plot_image(axis: Axes, explanation: Explanation) -> None:
+    axis.imshow(explanation.image)
+    axis.set_axis_off()
+
+
+def _plot_lane(axis: Axes, explanation: Explanation) -> None:
+    drawn = draw_lane(explanation.image, explanation.lane, explanation.camera)
+    axis.imshow(drawn)
+    axis.set_axis_off()
+
+
+def _plot_pose(axis: Axes, explanation: Explanation) -> None:
     """Undistorted image with the horizon, the point straight ahead and distances on the
     road, 4 m to either side.
     """
     camera = replace(explanation.camera, distortion=np.zeros(5))
-    height, width = explanation.image.shape[:2]
     axis.imshow(undistort(explanation.image, explanation.camera))
-    # as far as the horizon
-    ends = camera.road_to_pixels(
-        1e7 * np.array([[1.0, 0.6, 0], [1, 0, 0], [1, -0.6, 0]])
+
+    # The rays to the left, ahead and to the right meet the horizon.
+    rays = 1e7 * np.array([[1.0, 0.6, 0.0], [1.0, 0.0, 0.0], [1.0, -0.6, 0.0]])
+    horizon_px = camera.road_to_pixels(rays)
+    axis.plot(
+        *horizon_px.T,
+        color=_HORIZON_COLOUR,
+        lw=1.2,
+        label="horizon of the camera pose",
     )
     axis.plot(
-        *ends.T, color=_HORIZON_COLOUR, lw=1.2, label="horizon of the camera pose"
-    )
-    axis.plot(
-        *ends[1],
+        *horizon_px[1],
         "+",
         color=_HORIZON_COLOUR,
         ms=14,
@@ -217,177 +219,178 @@ def _plot_pose(axis: Axes, explanation: Explanation, _: object) -> None:
         label="straight ahead of the car",
     )
     for x_m in _MARKED_M:
-        mark = camera.road_to_pixels(np.array([[x_m, 4.0], [x_m, -4.0]]))
-        axis.plot(*mark.T, color=rgb(WINDOW_COLOUR), lw=1)
-        if mark[0, 1] < height:
-            axis.annotate(
-                f"{x_m} m ",
-                mark[0],
-                color=rgb(WINDOW_COLOUR),
-                fontsize=8,
-                ha="right",
-                va="center",
-            )
-    if (lane := explanation.lane) is not None:
-        ahead = np.array(
-            [[np.cos(lane.heading_rad), np.sin(lane.heading_rad), lane.pitch_rad]]
-        )
-        pixel = camera.road_to_pixels(1e7 * ahead)[0]
-        axis.plot(
-            *pixel,
-            "x",
-            color=rgb(LANE_COLOUR),
-            ms=9,
-            mew=2,
-            label="direction of the lane",
-        )
-    axis.set(xlim=(0, width), ylim=(height, 0))
+        _mark_distance(axis, camera, x_m)
+    if explanation.lane is not None:
+        _mark_direction(axis, camera, explanation.lane)
+
+    axis.set(xlim=(0, camera.width), ylim=(camera.height, 0))
     axis.set_axis_off()
     axis.legend(loc="lower right", fontsize=8)
 
 
-def _plot_birdseye(axis: Axes, _: Explanation, detection: StillDetection) -> None:
-    view = detection.evidence.view
-    draw_on_road_grid(
-        axis, view.blacken(detection.evidence.view_image), view.x_m, view.y_m
+def _mark_distance(axis: Axes, camera: Camera, x_m: float) -> None:
+    """A line across the road, with its distance if its left end is in the image."""
+    colour = rgb(WINDOW_COLOUR)
+    mark_px = camera.road_to_pixels(np.array([[x_m, 4.0], [x_m, -4.0]]))
+    axis.plot(*mark_px.T, color=colour, lw=1)
+    if mark_px[0, 1] < camera.height:
+        axis.annotate(
+            f"{x_m} m ", mark_px[0], color=colour, fontsize=8, ha="right", va="center"
+        )
+
+
+def _mark_direction(axis: Axes, camera: Camera, lane: Lane) -> None:
+    heading_rad = lane.heading_rad
+    ahead = np.array([[np.cos(heading_rad), np.sin(heading_rad), lane.pitch_rad]])
+    pixel = camera.road_to_pixels(1e7 * ahead)[0]
+    axis.plot(
+        *pixel, "x", color=rgb(LANE_COLOUR), ms=9, mew=2, label="direction of the lane"
     )
 
 
-def _plot_markings(axis: Axes, _: Explanation, detection: StillDetection) -> None:
-    strength = detection.evidence.response.strength
-    view = detection.evidence.view
-    draw_on_road_grid(axis, strength, view.x_m, view.y_m, cmap="magma", vmin=0, vmax=12)
+def _plot_birdseye(axis: Axes, explanation: Explanation) -> None:
+    evidence = _detection(explanation).evidence
+    view = evidence.view
+    image = view.blacken(evidence.view_image)
+    draw_on_road_grid(axis, image, view.x_m, view.y_m)
 
 
-def _plot_stripes(
-    axis: Axes, explanation: Explanation, detection: StillDetection
-) -> None:
+def _plot_markings(axis: Axes, explanation: Explanation) -> None:
+    evidence = _detection(explanation).evidence
+    view = evidence.view
+    look = {"cmap": "magma", "vmin": 0, "vmax": 12}
+    draw_on_road_grid(axis, evidence.response.strength, view.x_m, view.y_m, **look)
+
+
+def _plot_stripes(axis: Axes, explanation: Explanation) -> None:
     """Stripe candidates on the road in metres, those of the lane in the colours of its
     lines.
     """
     _set_road_axes(axis)
-    stripes = detection.evidence.stripes
-    side = np.zeros(len(detection.evidence.stripes))
-    if detection.lane is not None and explanation.fit is not None:
+    stripes = _detection(explanation).evidence.stripes
+    side = np.zeros(len(stripes))
+    if explanation.lane is not None and explanation.fit is not None:
         side = SIDES @ explanation.fit.members[0]
-    lines = (
-        (0, (150, 150, 150), "on no line"),
-        (1, LEFT_COLOUR, "left line"),
-        (-1, RIGHT_COLOUR, "right line"),
+    _scatter_stripes(axis, stripes.select(side == 0), _ON_NO_LINE_COLOUR, "on no line")
+    _scatter_stripes(axis, stripes.select(side == 1), LEFT_COLOUR, "left line")
+    _scatter_stripes(axis, stripes.select(side == -1), RIGHT_COLOUR, "right line")
+
+
+def _scatter_stripes(axis: Axes, stripes: Stripes, colour: Colour, name: str) -> None:
+    """Dots that grow with the weights of the stripes."""
+    if not len(stripes):
+        return
+    axis.scatter(
+        stripes.y_m,
+        stripes.x_m,
+        s=3 + 27 * stripes.weight,
+        color=rgb(colour),
+        lw=0,
+        label=f"{len(stripes)} {name}",
     )
-    for which, colour, label in lines:
-        mine = stripes.select(side == which)
-        if len(mine):
-            size = 3 + 27 * mine.weight
-            axis.scatter(
-                mine.y_m,
-                mine.x_m,
-                s=size,
-                color=rgb(colour),
-                lw=0,
-                label=f"{len(mine)} {label}",
-            )
-            axis.legend(loc="upper right", fontsize=8)
+    axis.legend(loc="upper right", fontsize=8)
 
 
-def _plot_votes(axis: Axes, explanation: Explanation, search: Search) -> None:
+def _plot_votes(axis: Axes, explanation: Explanation) -> None:
     """Vote table: for each curvature and lateral position the votes of the best
     heading.
     """
-    curvature = VOTES.hypotheses[:, 1]  # columns: heading, curvature, pitch
+    detection = _detection(explanation)
+    assert detection.search is not None
+    settings = detection.settings.votes
+    _, curvature, _ = settings.hypotheses.T
     bends = np.unique(curvature)
+    rows = np.arange(len(bends))
+    votes = detection.search.votes
+    best = [votes[curvature == bend].max(axis=0) for bend in bends]
     # The search uses square roots of votes. They keep a dashed line visible next to a
     # solid one.
-    table = np.sqrt([search.votes[curvature == bend].max(axis=0) for bend in bends])
-    half_m = VOTES.bins / 2 * VOTES.bin_m
-    axis.imshow(
-        table[:, ::-1],
-        extent=(half_m, -half_m, len(bends) - 0.5, -0.5),
-        aspect="auto",
-        cmap="magma",
-    )
-    shown = np.arange(1, len(bends), 3)
+    table = np.sqrt(best)[:, ::-1]
+    half_m = settings.bins / 2 * settings.bin_m
+    borders = (half_m, -half_m, len(bends) - 0.5, -0.5)
+    axis.imshow(table, extent=borders, aspect="auto", cmap="magma")
+    shown = rows[1::3]
     axis.set_yticks(shown, [f"{1000 * bends[n]:.0f}" for n in shown], fontsize=8)
     axis.set(xlabel="left (m)", ylabel="curvature (per km)")
+
     for candidate in explanation.candidates:
-        row = np.interp(candidate.model[CURVATURE], bends, np.arange(len(bends)))
-        lines_y_m = candidate.model[CENTRE] + SIDES * candidate.model[WIDTH] / 2
+        lane = candidate.model
+        row = np.interp(lane[CURVATURE], bends, rows)
+        lines_y_m = lane[CENTRE] + SIDES * lane[WIDTH] / 2
         colour = rgb(LANE_COLOUR if candidate.chosen else WINDOW_COLOUR)
         axis.plot(lines_y_m, [row, row], "o", color=colour, mfc="none", ms=9)
 
 
-def _plot_fit(axis: Axes, explanation: Explanation, fit: Fit) -> None:
+def _plot_fit(axis: Axes, explanation: Explanation) -> None:
     """Lanes on the road in metres: the chosen one with its uncertainty, rejected ones
     dashed, the predicted dotted.
     """
+    fit = explanation.fit
+    assert fit is not None
     _set_road_axes(axis)
     view = fit.view
-    stripes = fit.stripes
-    axis.scatter(stripes.y_m, stripes.x_m, s=3, color="0.75", lw=0)
+    axis.scatter(fit.stripes.y_m, fit.stripes.x_m, s=3, color="0.75", lw=0)
     if explanation.prediction is not None:
         lines = lines_on_view(explanation.prediction[None], view.x_m, view.height_m)[0]
-        axis.plot(
-            lines.T, view.x_m, color="0.2", lw=1, ls=":", label=["predicted", None]
-        )
+        labels = ["predicted", None]
+        axis.plot(lines.T, view.x_m, color="0.2", lw=1, ls=":", label=labels)
     for candidate in explanation.candidates:
         if not candidate.chosen:
-            for line in lines_on_view(candidate.model[None], view.x_m, view.height_m)[
-                0
-            ]:
-                axis.plot(line, view.x_m, color="0.5", lw=1, ls="--")
-    if explanation.lane is None:
+            lines = lines_on_view(candidate.model[None], view.x_m, view.height_m)[0]
+            axis.plot(lines.T, view.x_m, color="0.5", lw=1, ls="--")
+
+    lane = explanation.lane
+    if lane is None:
         return
-    x_m = np.linspace(0, 50, 101)
-    for line, name, colour in zip(
-        explanation.lane.lines,
-        ("left", "right"),
-        (LEFT_COLOUR, RIGHT_COLOUR),
-        strict=True,
-    ):
-        y_m = line.y(x_m)
-        std_m = line.std_m(x_m)
-        label = f"{name}: {f'paint on {min(line.support, 1):.0%}' if line.seen else 'inferred'}"
-        std_m[~(np.abs(y_m) <= _ROAD_HALF_WIDTH_M)] = np.nan
-        shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
-        if len(shown):
-            label += f", ± {describe_std(std_m[shown[-1]])} m at {x_m[shown[-1]]:.0f} m"
-        axis.fill_betweenx(
-            x_m, y_m - 2 * std_m, y_m + 2 * std_m, color=rgb(colour), alpha=0.25, lw=0
-        )
-        axis.plot(y_m, x_m, color=rgb(colour), label=label)
+    _plot_line(axis, lane.left, "left", rgb(LEFT_COLOUR))
+    _plot_line(axis, lane.right, "right", rgb(RIGHT_COLOUR))
     # room for the legend above the lines
     axis.set_ylim(top=66)
-    axis.legend(
-        loc="upper right",
-        fontsize=8,
-        title="bands: two standard deviations",
-        title_fontsize=8,
-    )
+    title = "bands: two standard deviations"
+    axis.legend(loc="upper right", fontsize=8, title=title, title_fontsize=8)
 
 
-def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
+def _plot_line(
+    axis: Axes, line: Line, name: str, colour: tuple[float, float, float]
+) -> None:
+    """A line of the lane with a band of two standard deviations to either side."""
+    x_m = np.linspace(0, 50, 101)
+    y_m = line.y(x_m)
+    std_m = line.std_m(x_m)
+    std_m[~(np.abs(y_m) <= _ROAD_HALF_WIDTH_M)] = np.nan
+
+    label = f"{name}: inferred"
+    if line.seen:
+        label = f"{name}: paint on {min(line.support, 1):.0%}"
+    shown = np.flatnonzero((x_m <= 20) & np.isfinite(std_m))
+    if len(shown):
+        farthest = shown[-1]
+        label += f", ± {describe_std(std_m[farthest])} m at {x_m[farthest]:.0f} m"
+
+    left_m = y_m - 2 * std_m
+    right_m = y_m + 2 * std_m
+    axis.fill_betweenx(x_m, left_m, right_m, color=colour, alpha=0.25, lw=0)
+    axis.plot(y_m, x_m, color=colour, label=label)
+
+
+def _plot_text(axis: Axes, explanation: Explanation) -> None:
     """Failure and advice, then the lane in words."""
-    lines = explanation.describe_result()
+    lines = []
     failed = explanation.failed
-    lines = [
-        f"prediction {step.summary}"
-        for step in explanation.steps
-        if step.name == "prediction"
-    ] + lines
     if failed:
-        lines = [
-            f"Step “{failed.name}”: {failed.failure}",
-            f"What to do: {failed.advice}",
-            "",
-            *lines,
-        ]
-    text = "\n".join(
-        textwrap.fill(line, 84, subsequent_indent=" " * 11) for line in lines
-    )
+        lines.append(f"Step “{failed.name}”: {failed.failure}")
+        lines.append(f"What to do: {failed.advice}")
+        lines.append("")
+    for step in explanation.steps:
+        if step.name == "prediction":
+            lines.append(f"prediction {step.summary}")
+    lines += explanation.describe_result()
+
+    wrapped = [textwrap.fill(line, 84, subsequent_indent=" " * 11) for line in lines]
     axis.text(
         0,
         1,
-        text,
+        "\n".join(wrapped),
         va="top",
         fontsize=8,
         family="monospace",
@@ -398,13 +401,24 @@ def _plot_text(axis: Axes, explanation: Explanation, _: object) -> None:
 
 
 def _set_road_axes(axis: Axes) -> None:
-    axis.set(
-        xlim=(_ROAD_HALF_WIDTH_M, -_ROAD_HALF_WIDTH_M),
-        ylim=(0, 52),
-        xlabel="left (m)",
-        ylabel="ahead (m)",
-    )
+    half_m = _ROAD_HALF_WIDTH_M
+    axis.set(xlim=(half_m, -half_m), ylim=(0, 52))
+    axis.set(xlabel="left (m)", ylabel="ahead (m)")
     axis.grid(alpha=0.3)
+
+
+# What plots each step, and its title.
+_PANELS: dict[str, tuple[str, Callable[[Axes, Explanation], None]]] = {
+    "picture": ("1 Image: {}", _plot_image),
+    "pose": ("2 Camera pose: {}", _plot_pose),
+    "birdseye": ("3 Bird's-eye view: {}", _plot_birdseye),
+    "markings": ("4 Marking response: {}", _plot_markings),
+    "stripes": ("5 Stripes: {}", _plot_stripes),
+    "votes": ("6 Votes: {}", _plot_votes),
+    "fit": ("7 Fit: {}", _plot_fit),
+    "lane": ("8 Result: {}", _plot_lane),
+    "text": ("9 In words", _plot_text),
+}
 
 
 # Figure of a scored still: labels and predictions in the image.

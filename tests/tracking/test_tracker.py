@@ -390,7 +390,9 @@ def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m,
     tracker = LaneTracker(
         SMALL,
         fps=FPS,
-        find_pose=lambda image: StillDetection(other.evidence, None, lane),
+        find_pose=lambda image: StillDetection(
+            other.evidence, other.settings.detector, lane=lane
+        ),
     )
     found = tracker.update(np.full_like(DRIVE.frame(0.0), 90))
     assert (found is not None) == taken
@@ -406,7 +408,7 @@ def test_what_never_moves_is_still_known_with_another_pose():
     other = LaneTracker(SMALL.with_pose(pose), fps=FPS)
     other.update(DRIVE.frame(0.0))
     lane = replace(other.tracked_lane, state=FOUND, confidence_shift=9.0)
-    still = StillDetection(other.evidence, None, lane)
+    still = StillDetection(other.evidence, other.settings.detector, lane=lane)
     tracker = LaneTracker(SMALL, fps=2, find_pose=lambda image: still)
     tracker._static._samples[:] = 7.0
     tracker.update(GREY_ROAD)
