@@ -36,6 +36,7 @@ SECTIONS = {
         "docs/own_loop",
         "docs/own_network",
         "docs/own_finder",
+        "docs/teaching",
     ],
     "Quality": [
         "docs/benchmark/README",
@@ -63,6 +64,8 @@ PAGES = {
     "simulator": "",
     ".pre-commit-config.yaml": "",
 }
+# Headings of the notebook without a number -> the chapter that they are in.
+HEADINGS = {"#On-a-real-road": 8}
 LINK = re.compile(r"(?<!!)\[([^\]]+)\]\(([^)\s]+)\)")
 CHAPTER = "chapter_{:02d}"
 CODE_BLOCK = re.compile(r"(^```.*?^```)", re.DOTALL | re.MULTILINE)
@@ -96,6 +99,8 @@ def _page_target(target: str, page: str) -> str | None:
     chapter = re.match(r"#(\d+)\.-", target)
     if chapter:
         return f"{CHAPTER.format(int(chapter[1]))}.ipynb"
+    if target in HEADINGS:
+        return f"{CHAPTER.format(HEADINGS[target])}.ipynb"
     path, hash_sign, heading = target.partition("#")
     name = normpath(join(dirname(page), path))
     up = "../" * page.count("/")
@@ -143,7 +148,8 @@ def write_course() -> None:
             if title:
                 name = CHAPTER.format(int(title[1]))
                 text = text.removeprefix("#")
-            cell["source"] = text
+            # the title of a chapter is that of its page: sections move up with it
+            cell["source"] = re.sub(r"^### ", "## ", text, flags=re.MULTILINE)
         pages.setdefault(name, []).append(cell)
 
     _, *chapters = pages
