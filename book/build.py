@@ -51,6 +51,7 @@ SECTIONS = {
         "docs/glossary",
         "docs/conventions",
         "docs/references",
+        "docs/originals",
     ],
     "Development": ["CONTRIBUTING", "CHANGELOG", "docs/release"],
 }
