@@ -1134,6 +1134,16 @@ class Recipe:
     measured_fits: int | None = None
     min_span_px: float = 160  # two windows: a shorter line determines no curvature
 
+    def search_windows(self, binary: Binary) -> WindowSearch:
+        """The sliding windows of this recipe in a binary of the view."""
+        return sliding_windows(
+            binary,
+            margin_px=self.margin_px,
+            recentre_pixels=self.recentre_pixels,
+            flood_pixels=self.flood_pixels,
+            histogram_rows_px=self.histogram_rows_px,
+        )
+
     def four_point_warp(self) -> FourPointWarp:
         """The homography from the undistorted image to the bird's-eye view."""
         return FourPointWarp(self.source_px, self.destination_px, self.size)
@@ -1514,13 +1524,7 @@ class LaneFinder:
         binary = frame.binaries[name]
         pixels = binary_pixels(binary)
         if near[0] is None or near[1] is None:
-            in_windows = sliding_windows(
-                binary,
-                margin_px=self.recipe.margin_px,
-                recentre_pixels=self.recipe.recentre_pixels,
-                flood_pixels=self.recipe.flood_pixels,
-                histogram_rows_px=self.recipe.histogram_rows_px,
-            )
+            in_windows = self.recipe.search_windows(binary)
         found = []
         for side, line in enumerate(near):
             if line is None:

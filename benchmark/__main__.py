@@ -20,7 +20,13 @@ import sys
 from pathlib import Path
 
 from lanes.__main__ import add_lens, find_lens
-from lanes.console import bounded, progress_line, run_command, run_program
+from lanes.console import (
+    bounded,
+    progress_line,
+    run_command,
+    run_program,
+    split_names,
+)
 from lanes.detect.markings import load_markings
 
 EXAMPLES = """\
@@ -48,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--list", action="store_true", help="list the scenes and exit")
     parser.add_argument(
         "--system",
-        type=_split_names,
+        type=split_names,
         action="extend",
         metavar="NAME,...",
         help="hls_sobel, equalized_hsv, best_channel, each also with points from the "
@@ -106,10 +112,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "estimated from its own labelled stills",
     )
     add_lens(labelled)
-
-
-def _split_names(text: str) -> list[str]:
-    return text.split(",")
 
 
 def run(options: argparse.Namespace) -> int:

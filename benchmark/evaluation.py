@@ -29,7 +29,7 @@ from benchmark.estimates import (
 from benchmark.scores import Result, Row, score_rows
 from benchmark.speed import describe_machine
 from benchmark.systems import OwnFinder, require_system, source_files, start_system
-from lanes import video
+from lanes import recording
 from lanes.camera.model import Camera, camera_to_dict, load_camera
 from lanes.detect.markings import Markings
 from lanes.files import hash_sources, read_telemetry
@@ -398,7 +398,7 @@ def _result(prepared: PreparedDrive, system: str, path: Path) -> Result:
 
 def _cache_key(prepared: PreparedDrive, system: str) -> str:
     """Digits that depend on everything that the estimates depend on."""
-    modules = (estimates, systems, images, video, reader)
+    modules = (estimates, systems, images, recording, reader)
     files = hash_sources(
         prepared.drive.require_video(),
         Path(__file__),

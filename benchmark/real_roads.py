@@ -18,7 +18,7 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from benchmark.consistency import describe_z, z_summary
 from benchmark.systems import DETECTOR, TRACKER, column_detector
 from lanes.camera.field_of_view import find_field_of_view
 from lanes.camera.model import Camera, load_camera
-from lanes.console import bounded, progress_line
+from lanes.console import bounded, progress_line, split_names
 from lanes.describe import format_table, number_cells
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
@@ -303,7 +303,7 @@ def read_road_sets(
 def score_set(task: tuple[RoadSet, str], settings: TrackerSettings) -> list[ScoredLane]:
     """Scores of a set's labels in one of the `WAYS`.
 
-    None if the set has no common pose, or no clip.
+    Empty if the set has no common pose, or no clip.
     """
     roads, way = task
     scores = []
@@ -335,6 +335,7 @@ def score_sets(
     return run_all(score, tasks, workers=workers)
 
 
+@cache
 def _size(file: Path) -> tuple[int, int]:
     height, width = read_image(file).shape[:2]
     return width, height
@@ -353,8 +354,10 @@ def _score_stills(
 ) -> list[ScoredLane]:
     """Scores of some labels; the pose is that of `files`, which have one size."""
     first = files[0]
-    source = read_image(first) if len(files) == 1 else files
-    lens = roads.lens or _camera(_size(first), first)
+    first_image = read_image(first)
+    height, width = first_image.shape[:2]
+    source = first_image if len(files) == 1 else files
+    lens = roads.lens or _camera((width, height), first)
     camera, pose = ensure_pose(lens, source, settings=settings.detector)
     find = start_finder(DETECTOR, camera, pose, settings=settings.detector)
 
@@ -444,11 +447,6 @@ def _summary(sets: Sequence[Sequence[StillScore]]) -> dict[str, float]:
     }
 
 
-def split_names(text: str) -> list[str]:
-    """The names in "a,b,c"."""
-    return text.split(",")
-
-
 def add_road_arguments(
     parser: argparse.ArgumentParser, *, optional: bool = False
 ) -> None:
@@ -465,6 +463,11 @@ def add_road_arguments(
         default="AB",
         help="of the sets (default: both halves)",
     )
+    add_processing_arguments(parser)
+
+
+def add_processing_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options that say how labelled sets are processed."""
     parser.add_argument(
         "--several-cameras",
         type=split_names,

@@ -33,6 +33,7 @@ from lanes.tracking.tracker import LaneTracker
 from lanes.video.images import opencv_threads
 from lanes.video.reader import index_video, inspect_video, open_video, read_video
 from lanes.video.writer import open_mp4, process_video
+from simulator.processes import available_cpus
 
 # Frames whose processing is timed, kept in memory (2.8 MB each), and the first ones,
 # which do not count: the tracker searches in each frame until its lane is confirmed.
@@ -234,10 +235,7 @@ def describe_machine() -> str:
     """Processor, cores available to this process, operating system and versions, in one
     line.
     """
-    if hasattr(os, "sched_getaffinity"):
-        cores = len(os.sched_getaffinity(0))
-    else:
-        cores = os.cpu_count() or 1
+    cores = available_cpus()
     plural = "" if cores == 1 else "s"
     return (
         f"{_processor()} ({cores} core{plural}), "

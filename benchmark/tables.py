@@ -96,9 +96,14 @@ def results_table(path: str | Path) -> str:
     return markdown_table(["scene", "difficulty", *systems], lines)
 
 
+def markdown_row(cells: Iterable[str]) -> str:
+    """A row of a Markdown table."""
+    return f"| {' | '.join(cells)} |"
+
+
 def markdown_table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A Markdown table with these cells."""
-    first, *others = ["| " + " | ".join(cells) + " |" for cells in (headings, *rows)]
+    first, *others = [markdown_row(cells) for cells in (headings, *rows)]
     rule = "|---" * len(headings) + "|"
     return "\n".join([first, rule, *others])
 

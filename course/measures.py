@@ -17,9 +17,15 @@ from numpy.typing import ArrayLike
 
 from benchmark.evaluation import COMMITTED, PROJECT_ROOT, score_systems
 from benchmark.scores import Row
-from benchmark.systems import TRACKER, OwnFinder
+from benchmark.systems import PROJECTED_AT_M, TRACKER, OwnFinder
 from course.dataset import Dataset
-from helpers import FourPointWarp, Lens, distort_points, road_to_pixels
+from helpers import (
+    FourPointWarp,
+    Lens,
+    distort_points,
+    finite_points,
+    road_to_pixels,
+)
 from lanes.describe import format_table
 from lanes.labels import EGO_SIDES, LaneColumns
 from lanes.score import score_still, summarize
@@ -120,9 +126,6 @@ def require_below(
 
 # Distances at which two methods are compared with each other, metres.
 COMPARED_AT_M = np.arange(5.0, 31.0, 5.0)
-# Distances at which a line is projected into the image: even steps in 1 / x are even
-# steps in rows.
-PROJECTED_AT_M = 1 / np.linspace(1 / 1.5, 1 / 200, 400)
 # Videos: the tracker has a memory; it gets more frames than a finder without one.
 EVERY = 10
 TRACKER_EVERY = 2
@@ -208,7 +211,7 @@ def columns_of_line(
     """
     flat_px = road_to_pixels(line_m, image_to_road)
     raw_px = distort_points(flat_px, lens)
-    seen_px = raw_px[np.isfinite(raw_px).all(axis=1)]
+    seen_px = finite_points(raw_px)
     if not len(seen_px):
         return np.full(len(rows), -2.0)
 

@@ -18,6 +18,8 @@ from helpers import (
     birdseye_to_road,
     distort_points,
     draw_lane,
+    finite_points,
+    homogeneous,
     undistort,
     undistort_points,
 )
@@ -255,10 +257,9 @@ def draw_directions(image: np.ndarray, lens: Lens) -> np.ndarray:
 
     drawn = image.copy()
     for directions in curves:
-        homogeneous = np.column_stack([directions, np.ones(len(directions))])
-        pixels = homogeneous @ lens.matrix[:2].T
+        pixels = homogeneous(directions) @ lens.matrix[:2].T
         raw_px = distort_points(pixels, lens)
-        seen_px = raw_px[np.isfinite(raw_px).all(axis=1)]
+        seen_px = finite_points(raw_px)
         draw_polyline(drawn, seen_px, WINDOW_COLOUR, width_px=3)
     return drawn
 
@@ -348,17 +349,17 @@ def plot_series(
 
 
 def show_table(
-    rows: Mapping[str, Mapping[str, float]], *, title: str = "", digits: int = 1
+    rows: Mapping[str, Mapping[str, float]], *, title: str = ""
 ) -> tuple[Figure, Axes]:
     """Draw a table of numbers as a figure, for numbers that differ in each run.
 
     `rows` has the numbers of each row by the name of their column; all rows have the
-    same columns. They are rounded to `digits` decimals.
+    same columns. They have one decimal.
     """
     columns = list(next(iter(rows.values())))
     texts = []
     for numbers in rows.values():
-        texts.append([f"{numbers[column]:.{digits}f}" for column in columns])
+        texts.append([f"{numbers[column]:.1f}" for column in columns])
     figure, (axis,) = new_figure(1, 1, (10, 0.8 + 0.35 * len(rows)))
     axis.set_axis_off()
     axis.set_title(title)

@@ -24,7 +24,6 @@ from helpers import (
     draw_pixels,
     draw_windows,
     fit_line,
-    sliding_windows,
 )
 from lanes.show.figures import new_figure
 
@@ -81,13 +80,7 @@ def show_search(
     banded = []
     for name, binary in binaries.items():
         recipe = recipes[name]
-        search = sliding_windows(
-            binary,
-            margin_px=recipe.margin_px,
-            recentre_pixels=recipe.recentre_pixels,
-            flood_pixels=recipe.flood_pixels,
-            histogram_rows_px=recipe.histogram_rows_px,
-        )
+        search = recipe.search_windows(binary)
         climbed.append(draw_search(binary, search))
         banded.append(draw_bands(binary, search, recipe.still_band_px))
     titles = [f"{name}: windows" for name in binaries]

@@ -40,6 +40,11 @@ def require_opencv() -> None:
     raise ImportError(sentence)
 
 
+def split_names(text: str) -> list[str]:
+    """The names in "a,b,c", for argparse."""
+    return text.split(",")
+
+
 def bounded(
     kind: type[float] | type[int], minimum: float, maximum: float = math.inf
 ) -> Callable[[str], Any]:

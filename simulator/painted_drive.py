@@ -111,7 +111,6 @@ class PaintedDrive:
     shades: tuple[Stripe, ...] = ()
     camera: Camera = CAMERA
     noise: float = 2.5
-    contrast: float = 1.0
     black_s: tuple[float, float] = (np.inf, np.inf)
     seed: int = 0
 
@@ -146,9 +145,8 @@ class PaintedDrive:
         image = np.full((height, width, 3), GREY[0], np.uint8)
         for stripe in (*self.ground, *self.lines):
             if not stripe.gone_s[0] <= time_s < stripe.gone_s[1]:
-                colour = self._colour(stripe)
                 for corners in self._outlines(stripe, time_s):
-                    cv2.fillPoly(image, [corners], colour, cv2.LINE_AA, _SHIFT)
+                    cv2.fillPoly(image, [corners], stripe.colour, cv2.LINE_AA, _SHIFT)
 
         for shade in self.shades:
             mask = np.zeros((height, width), np.uint8)
@@ -161,11 +159,6 @@ class PaintedDrive:
         grain = _grain(height, width, self.noise)
         part = grain[top : top + height, left : left + width]
         return cv2.add(image, part, dtype=cv2.CV_8U)
-
-    def _colour(self, stripe: Stripe) -> list[float]:
-        """Colour of a stripe with the contrast of this drive."""
-        grey = GREY[0]
-        return [grey + self.contrast * (channel - grey) for channel in stripe.colour]
 
     def _outlines(
         self,

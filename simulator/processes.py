@@ -28,13 +28,16 @@ Result = TypeVar("Result")
 MAX_DEFAULT_WORKERS = 8
 
 
+def available_cpus() -> int:
+    """Number of CPUs that this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def available_workers() -> int:
     """Number of CPUs that this process may use, at most MAX_DEFAULT_WORKERS."""
-    if hasattr(os, "sched_getaffinity"):
-        count = len(os.sched_getaffinity(0))
-    else:
-        count = os.cpu_count() or 1
-    return min(count, MAX_DEFAULT_WORKERS)
+    return min(available_cpus(), MAX_DEFAULT_WORKERS)
 
 
 def map_ordered(

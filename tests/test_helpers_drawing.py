@@ -81,6 +81,16 @@ def test_the_lines_are_drawn_on_the_paint_of_the_raw_image(image, result, side, 
         assert columns.mean() == approx(u, abs=half_px)
 
 
+def test_the_lane_is_green_from_paint_to_paint(image, result):
+    green = annotate_image(image, result, lens_of(CAMERA)).astype(int) - image
+    x_m = np.array([6.0, 10.0, 15.0])
+    half_paint_px = 0.1 / x_m * 1150
+    rows = zip(true_pixels(1, x_m), true_pixels(-1, x_m), half_paint_px, strict=True)
+    for (left, v), (right, _), half_px in rows:
+        columns = np.flatnonzero(green[round(v), :, 1] > 10)
+        assert columns[[0, -1]] == approx([left, right], abs=half_px + 3)
+
+
 def test_the_lane_is_green_between_the_lines(image, result):
     green = annotate_image(image, result, lens_of(CAMERA)).astype(int) - image
     ahead_m = np.array([10.0])
@@ -202,6 +212,12 @@ def test_the_area_between_the_lines_is_filled_and_gaps_are_bridged(gray):
     assert_array_equal(filled, whole)
     green = 70 + 0.3 * np.array(LANE_COLOUR)
     assert_allclose(filled[50, 80], green, atol=1)
+
+
+def test_the_left_line_is_red_and_the_right_one_blue(gray):
+    drawn = draw_lane(gray, LEFT, RIGHT, line_width_px=4)
+    assert_array_equal(drawn[50, 40], LEFT_COLOUR)
+    assert_array_equal(drawn[50, 120], RIGHT_COLOUR)
 
 
 def test_one_line_is_drawn_without_a_lane(gray):

@@ -129,6 +129,12 @@ def test_recipe_c_refuses_bad_fits_only(rules, new, fits):
     assert len(remember(rules, [100, new]).fits) == fits
 
 
+@parametrize("rules", [C_LEFT, C_RIGHT], ids=["left", "right"])
+def test_recipe_c_counts_a_fit_nearby_fully(rules):
+    line = remember(rules, [100, 149])
+    assert_array_equal(line.fits[-1], fit(149))
+
+
 def test_recipe_c_has_a_wider_gate_for_bends_on_the_right():
     bent = fit(100, a=13e-5)
     assert len(remember(C_LEFT, [100, bent]).fits) == 1
@@ -142,12 +148,19 @@ def test_a_line_missed_too_often_begins_again(rules):
     assert line.state == "kept"
     line.update(None)
     assert line.state == "lost" and line.mean() is None
+    assert line.search_near() is None
     assert line.update(fit(900))[2] == 900
 
 
-def test_a_fit_in_between_starts_the_count_again():
-    misses = [None] * A.max_missed
-    line = remember(A, [100, *misses, 100, *misses])
+@every_memory
+def test_a_line_may_be_missed_in_25_frames(rules):
+    assert rules.max_missed == 25
+
+
+@every_memory
+def test_a_fit_in_between_starts_the_count_again(rules):
+    misses = [None] * rules.max_missed
+    line = remember(rules, [100, *misses, 100, *misses])
     assert line.state == "kept"
 
 

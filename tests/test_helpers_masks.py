@@ -121,6 +121,17 @@ def test_a_sharp_edge_answers_its_own_height_whatever_the_kernel(kernel):
     assert not along_v.any()
 
 
+def test_a_level_edge_has_a_gradient_along_v_only():
+    along_u, along_v = sobel_gradient(LEVEL, 3)
+    assert not along_u.any()
+    assert np.abs(along_v).max() == approx(150)
+
+
+@parametrize("edge", [UPRIGHT, LEVEL], ids=["upright", "level"])
+def test_recipe_b_sees_edges_of_both_directions_in_its_magnitude(edge):
+    assert B.masks(in_colour(edge))["magnitude"].any()
+
+
 @parametrize(
     ("high", "kept"),
     [

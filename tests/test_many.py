@@ -152,7 +152,11 @@ def test_results_equal_those_of_a_serial_run(drives, tmp_path, where):
     assert [drive.frames for drive in finished] == [FRAMES] * DRIVES
     check_whole(many, videos)
 
-    video = videos[1]
+    require_as_serial(many, videos[1], serial)
+
+
+def require_as_serial(many: Path, video: Path, serial: Path) -> None:
+    """A drive's results are those of `annotate_drive`, which writes into `serial`."""
     annotate_drive(video, settings_for(serial))
     expected = (serial / video.name).read_bytes()
     assert (many / video.name).read_bytes() == expected
@@ -196,17 +200,25 @@ def test_failed_drives_and_bad_tracks_come_first_in_the_table(
     video, gray, empty, tmp_path
 ):
     output = tmp_path / "out"
-    annotate_many([video, gray, empty], settings_for(output), workers=2)
-    failed, worst, best = summary(output)
-    assert failed["source"] == str(empty)
-    assert failed["state"] == "failed"
-    assert "the file is empty" in failed["reason"]
+    other = tmp_path / "also empty.mp4"
+    other.touch()
+    videos = [video, gray, empty, other]
+    _, failures = annotate_many(videos, settings_for(output), workers=2)
+    *failed, worst, best = summary(output)
+    assert [row["drive"] for row in failed] == ["also empty", "empty"]
+    assert {row["state"] for row in failed} == {"failed"}
+    assert {row["reason"] for row in failed} == {str(failure) for failure in failures}
+    assert [row["source"] for row in failed] == [str(other), str(empty)]
+    assert worst["drive"] == "a gray=road"
     assert worst["source"] == str(gray)
     assert worst["state"] == "finished"
     assert float(worst["tracked_share"]) == 0
     assert float(worst["lost_s"]) == pytest.approx(0.28)
+    assert float(worst["length_s"]) == pytest.approx(0.28)
     assert (worst["frames"], worst["missing"]) == ("5", "2")
     assert best["drive"] == "drive0"
+    assert float(best["lost_s"]) == pytest.approx(0, abs=0.11)
+    assert (best["frames"], best["missing"]) == (str(FRAMES), "0")
     assert float(best["length_s"]) == pytest.approx(FRAMES / 25)
     assert float(best["tracked_share"]) > 0.8
 
@@ -267,10 +279,14 @@ def test_a_worker_that_is_killed_is_replaced(drives, tmp_path):
             wait_for(kill_a_writer)
 
     videos = videos_in(drives)
-    _, failures = annotate_many(videos, settings_for(output), workers=2, log=log)
+    settings = settings_for(output)
+    finished, failures = annotate_many(videos, settings, workers=2, log=log)
     assert killed
     assert failures == []
+    assert [drive.frames for drive in finished] == [FRAMES] * DRIVES
     check_whole(output, videos)
+    for video in videos[::2]:
+        require_as_serial(output, video, tmp_path / "serial")
 
 
 PYAV_ERRORS = ["OSError", "PermissionError", "InvalidDataError"]
@@ -551,7 +567,8 @@ class TestStoppedRun:
             out, err = child.communicate(timeout=300)
         assert child.returncode == 0, err
         words = (
-            f"{DRIVES} drives finished, 0 failed; {len(finished)} of {DRIVES} drives"
+            f"{DRIVES} drives finished, 0 failed; {len(finished)} of {DRIVES} drives "
+            "were finished before"
         )
         assert words in out
         assert {path: path.stat().st_mtime_ns for path in finished} == before

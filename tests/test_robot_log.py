@@ -26,6 +26,7 @@ from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.ros.robot_log import index_log
 from lanes.show.lane_messages import INFERRED_ALPHA, write_lane_messages
+from lanes.video.images import read_image
 from lanes.video.reader import inspect_video, read_timed_frames
 from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs
@@ -407,21 +408,18 @@ class TestCameraOfLog:
         assert self.read(tmp_path, "/rear/image_raw") is None
 
 
-@pytest.mark.parametrize(
-    ("field", "is_used"),
-    [
-        (FieldOfView(90.0, "as given"), True),
-        (FieldOfView(90.0, "as photo.jpg"), False),
-    ],
-)
-def test_only_a_given_field_of_view_comes_before_the_camera_of_the_log(
-    tmp_path, field, is_used
-):
+def test_a_given_field_of_view_comes_before_the_camera_of_the_log(tmp_path):
     path = logs.write_log(tmp_path / "drive.mcap", TINY, TINY_TIMES_S, camera=SMALL)
-    settings = settings_for(tmp_path, field=field)
-    camera = camera_for(settings, SMALL.size, path)
-    expected_deg = 90 if is_used else SMALL.hfov_deg
-    assert camera.hfov_deg == pytest.approx(expected_deg, abs=0.1)
+    given = settings_for(tmp_path, field=FieldOfView(90.0, "as given"))
+    camera = camera_for(given, SMALL.size, path)
+    assert camera.hfov_deg == pytest.approx(90, abs=0.1)
+
+
+def test_the_camera_of_the_log_comes_before_a_field_of_view_of_a_photo(tmp_path):
+    path = logs.write_log(tmp_path / "drive.mcap", TINY, TINY_TIMES_S, camera=SMALL)
+    of_photo = settings_for(tmp_path, field=FieldOfView(90.0, "as photo.jpg"))
+    camera = camera_for(of_photo, SMALL.size, path)
+    assert camera.matrix == pytest.approx(SMALL.matrix)
 
 
 # Several topics.
@@ -524,6 +522,13 @@ class TestTopicOption:
         status, out, _ = run("explain", path, *options)
         assert status == 0
         assert "5 of 5 used" in out
+
+    def test_of_label(self, path, camera, images, tmp_path, run):
+        options = (*camera, "--stills", 2, "-o", tmp_path / "labels", *self.PART)
+        assert run("label", path, *options)[0] == 0
+        stills = sorted((tmp_path / "labels").glob("*.png"))
+        for still, image in zip(stills, (images[5], images[8]), strict=True):
+            np.testing.assert_array_equal(read_image(still), image)
 
     def test_of_track(self, path):
         frame, _ = next(track(path, SMALL, start_s=0.2, topic="/front"))

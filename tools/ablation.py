@@ -39,12 +39,11 @@ from benchmark.real_roads import (
     add_road_arguments,
     choose_road_sets,
     score_sets,
-    split_names,
 )
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
-from benchmark.tables import markdown_table
-from lanes.console import bounded, progress_line
+from benchmark.tables import markdown_row, markdown_table
+from lanes.console import bounded, progress_line, split_names
 from lanes.detect.fit import FIT
 from lanes.score import summarize
 from lanes.tracking.filter import FILTER
@@ -367,7 +366,7 @@ def main() -> None:
         cells += real_cells(lanes, lanes_on)
         if drives:
             cells += rendered_cells(errors, errors_on)
-        print(f"| {' | '.join(cells)} |", flush=True)
+        print(markdown_row(cells), flush=True)
 
 
 if __name__ == "__main__":

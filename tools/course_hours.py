@@ -16,6 +16,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmark.tables import markdown_row
+from tools.sizes import cell_sources
+
 ROOT = Path(__file__).parents[1]
 
 # Adults read 238 words of English non-fiction a minute (Brysbaert 2019). Half of that
@@ -64,9 +67,9 @@ def measure_chapters(notebook: dict) -> list[Chapter]:
 
 
 def _measure_chapter(cells: list[dict]) -> Chapter:
-    texts = _sources(cells, "markdown")
+    texts = cell_sources(cells, "markdown")
     prose = "\n".join(texts)
-    codes = _sources(cells, "code")
+    codes = cell_sources(cells, "code")
     heading = re.search(r"^#+ (.*)", prose, re.M)
     lines = [line for code in codes for line in code.splitlines() if line.strip()]
     return Chapter(
@@ -77,10 +80,6 @@ def _measure_chapter(cells: list[dict]) -> Chapter:
         questions=prose.count("**Question"),
         exercises=sum("check_exercise(" in code for code in codes),
     )
-
-
-def _sources(cells: list[dict], kind: str) -> list[str]:
-    return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == kind]
 
 
 def hours_table(chapters: Iterable[Chapter]) -> str:
@@ -103,7 +102,7 @@ def hours_table(chapters: Iterable[Chapter]) -> str:
 
 
 def _row(fields: Iterable[object]) -> str:
-    return f"| {' | '.join(map(str, fields))} |"
+    return markdown_row(map(str, fields))
 
 
 def main() -> None:

@@ -28,15 +28,14 @@ from benchmark.estimates import DriveEstimates
 from benchmark.real_roads import (
     WAYS,
     RoadSet,
+    add_processing_arguments,
     read_road_sets,
     score_set,
-    split_names,
 )
 from benchmark.scores import mean_interval
 from benchmark.systems import PROJECTED_AT_M, lane_estimate, project_lines
 from lanes.camera.field_of_view import DEFAULT_HFOV_DEG
 from lanes.camera.model import Camera, CameraPose
-from lanes.console import bounded
 from lanes.detect.confidence import CORRECT_WITHIN_M, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings, load_markings
@@ -346,12 +345,12 @@ def samples_of_no_road(kind: str) -> list[Sample]:
     return [Sample(NO_ROAD, kind, lane.features, False) for lane in lanes if lane]
 
 
-def samples_of_photos(number: int) -> list[Sample]:
-    """Samples of photos of a flat scene, whose camera pose is estimated from the same
-    image.
+def samples_of_photos(task: tuple[int, str]) -> list[Sample]:
+    """Samples of photos of a flat scene, given with its number; the camera pose is
+    estimated from the same image.
     """
+    number, scene = task
     rng = np.random.default_rng([7, number])
-    scene = flat_scenes()[number]
     samples = []
     for _ in range(PHOTOS):
         image, label = take_photo(scene, rng)
@@ -382,7 +381,7 @@ def samples_of_painted_roads(
 def collect_samples(sets: Sequence[RoadSet], *, workers: int) -> list[Sample]:
     """Samples of all sources; `sets` are the labelled real roads."""
     roads = [(one, way) for one in sets for way in WAYS]
-    scenes = range(len(flat_scenes()))
+    scenes = list(enumerate(flat_scenes()))
     return [
         *chain(*run_all(samples_of_roads, roads, workers=workers)),
         *chain(*run_all(samples_of_no_road, KINDS, workers=workers)),
@@ -533,16 +532,7 @@ def main() -> None:
         metavar="MODEL.onnx",
         help="fit the constant of the lanes of this network",
     )
-    parser.add_argument(
-        "--several-cameras",
-        type=split_names,
-        default=[],
-        metavar="NAME,...",
-        help="sets whose stills have no common pose",
-    )
-    parser.add_argument(
-        "--workers", type=bounded(int, 1), default=1, metavar="N", help="processes"
-    )
+    add_processing_arguments(parser)
     options = parser.parse_args()
 
     cv2.setNumThreads(1)

@@ -111,7 +111,7 @@ def _docstring_lines(tree: ast.Module) -> set[int]:
 def notebook_sources(text: str) -> list[str]:
     """The code cells of a notebook, without magics."""
     sources = []
-    for cell in _cells(text, "code"):
+    for cell in cell_sources(json.loads(text)["cells"], "code"):
         lines = cell.split("\n")
         sources.append(
             "\n".join(line for line in lines if not line.lstrip().startswith("%"))
@@ -119,8 +119,8 @@ def notebook_sources(text: str) -> list[str]:
     return sources
 
 
-def _cells(text: str, kind: str) -> list[str]:
-    cells = json.loads(text)["cells"]
+def cell_sources(cells: list[dict], kind: str) -> list[str]:
+    """The sources of the cells of a notebook that are of a kind: "code", "markdown"."""
     return ["".join(cell["source"]) for cell in cells if cell["cell_type"] == kind]
 
 
@@ -155,7 +155,10 @@ def count_words(files: dict[str, str]) -> dict[str, int]:
         path for path in files if path.startswith("lanes/") and path.endswith(".py")
     ]
     pages = [text for path, text in files.items() if path.endswith(".md")]
-    prose = _cells(files[NOTEBOOK], "markdown") if NOTEBOOK in files else []
+    prose = []
+    if NOTEBOOK in files:
+        cells = json.loads(files[NOTEBOOK])["cells"]
+        prose = cell_sources(cells, "markdown")
     return {
         "files of lanes": len(lanes),
         "words of pages": sum(len(text.split()) for text in pages),

@@ -1,8 +1,9 @@
 """Train the network of `lanes.detect.markings` on rendered pictures, and write its ONNX
 file.
 
-    pip install torch onnx python -m tools.train_marking_network [--samples FILE]
-    [--pictures N] [--epochs N] [-o FILE]
+    pip install torch onnx
+    python -m tools.train_marking_network [--samples FILE] [--pictures N]
+        [--epochs N] [-o FILE]
 
 Rendering the samples (`tools.marking_samples`) takes about 40 minutes on two cores.
 They are kept in FILE (2 GB), and used again if it exists. Training takes about 13

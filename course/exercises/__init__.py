@@ -1,1 +1,1 @@
-"""The checks of the exercises, one file for each chapter of project.ipynb."""
+"""The checks of the exercises, a file for some chapters each."""

@@ -404,22 +404,6 @@ class Camera(ByValue):
         xy = from_centre @ np.linalg.inv(self.matrix[:2, :2]).T
         return self._project(np.column_stack([xy, np.ones(len(pixels))]))
 
-    def distort_line(self, points: np.ndarray, *, step_px: float = 8.0) -> np.ndarray:
-        """Raw pixels (M, 2) of a polyline (N, 2) of the undistorted image.
-
-        It is bent as the lens bends its straight pieces. The given points are kept, and
-        one every `step_px` is added: 8 px follow a piece to 0.01 px.
-        """
-        if len(points) < 2:
-            return points
-        lengths = np.hypot(*np.diff(points, axis=0).T)
-        arc_length = np.concatenate([[0], lengths.cumsum()])
-        steps = np.arange(0, arc_length[-1], step_px)
-        positions = np.union1d(arc_length, steps)
-        u = np.interp(positions, arc_length, points[:, 0])
-        v = np.interp(positions, arc_length, points[:, 1])
-        return self.distort_points(np.column_stack([u, v]))
-
     def rays(self, pixels: np.ndarray) -> np.ndarray:
         """Viewing rays (N, 3) of raw pixels (N, 2), in camera axes, z = 1."""
         pixels = np.asarray(pixels, float).reshape(-1, 1, 2)

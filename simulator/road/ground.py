@@ -596,7 +596,7 @@ def edge_coverage(
     `t` is the signed distance of the pixel's centre from the edge in any unit; `step_u`
     and `step_v` are its changes per pixel to the right and down. Within a pixel, t is
     distributed as the sum of two uniform variables of widths |step_u| and |step_v|, a
-    trapezoid. Its integral is a difference of four one- sided parabolas.
+    trapezoid. Its integral is a difference of four one-sided parabolas.
     """
     a = np.maximum(np.abs(step_u), 1e-6)
     b = np.maximum(np.abs(step_v), 1e-3 * a)

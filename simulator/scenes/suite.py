@@ -124,17 +124,16 @@ def write_stills(
     folder: str | Path,
     *,
     progress: Progress | None = None,
-    workers: int | None = None,
 ) -> list[Path]:
     """Files written: the eight stills and their truth.json.
 
-    The folder is created where needed. `progress` and `workers` are those of
-    `write_video`. Raises OSError if the folder cannot be written to.
+    The folder is created where needed. `progress` is that of `write_video`. Raises
+    OSError if the folder cannot be written to.
     """
     folder = Path(folder)
     scenes = still_scenes()
     drives = list(scenes.values())
-    frames = run_all(render_frame, drives, workers=workers, progress=progress)
+    frames = run_all(render_frame, drives, progress=progress)
 
     written = []
     entries = []

@@ -177,6 +177,23 @@ def test_a_scene_with_a_committed_video_is_its_variant_0():
     assert drive.label == "motorway"
 
 
+class EndOfTestError(Exception):
+    """What is asked for is known, and need not be done."""
+
+
+def test_the_seed_chooses_the_variant_that_is_run(monkeypatch):
+    asked = []
+
+    def run_benchmark(drives: list[BenchmarkDrive], *_, **options: object) -> None:
+        asked.extend(drives)
+        raise EndOfTestError
+
+    monkeypatch.setattr(evaluation, "run_benchmark", run_benchmark)
+    with pytest.raises(EndOfTestError):
+        main(["benchmark", "motorway", "--seed", "3"])
+    assert [drive.label for drive in asked] == ["motorway-3"]
+
+
 def test_another_variant_of_a_scene_is_rendered(monkeypatch):
     asked = []
 

@@ -184,6 +184,28 @@ class TestHairpin:
         assert errors.near_rms_m[0] == pytest.approx(0.1, rel=0.02)
 
 
+def test_frames_without_an_estimate_stand_beside_others():
+    """As a finder gives them: empty where it found no lane."""
+    lane = truth()
+    found = perfect(lane)
+    frames: list[dict] = [{}, {}]
+    for number in range(2, N):
+        frames.append(
+            {
+                "lines_m": found.lines_m[number],
+                "offset_m": 0.25,
+                "heading_rad": 0.01,
+                "curvature_per_m": 0.002,
+                "confidence": 0.95,
+            }
+        )
+    row = row_of(DriveEstimates.from_frames(frames, [1.0] * N), lane)
+    assert row["available_share"] == 0.6
+    assert row["accuracy"] == 0.6
+    assert row["lateral_5_20m_p95_m"] == 0
+    assert row["recovery_longest_frames"] == 2
+
+
 class TestWorseLine:
     """The right line is wrong everywhere, 30 m ahead, 20 m ahead, and nowhere."""
 

@@ -21,6 +21,7 @@ from benchmark.speed import (
 )
 from helpers import RECIPES
 from lanes.camera.model import load_camera
+from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import inspect_video, read_video
 from tests.support.clips import write_drive
 from tests.support.painted_drive import BENDS
@@ -75,6 +76,40 @@ def test_the_tables_have_the_times(clip, monkeypatch):
     assert cells["annotated"] == ["10.00", "20.13", "1.50", "2.50"]
     assert lines[-1].startswith(f"Measured on {speed.describe_machine()}; load ")
     assert max(map(len, lines)) <= 160
+
+
+def test_every_system_has_a_line_of_the_tables(clip, monkeypatch):
+    """All that is timed is asked for, with the frames of the video."""
+    asked = []
+
+    def of_frames(frames: list, camera: object, systems: dict) -> dict[str, FrameTime]:
+        asked.append((len(frames), list(systems)))
+        return dict.fromkeys(systems, FrameTime(1.0, 1.0, 1.0))
+
+    monkeypatch.setattr(speed, "time_frames", of_frames)
+    monkeypatch.setattr(speed, "time_files", lambda *_: {})
+    lines = speed.describe_speed(clip).splitlines()
+    systems = [TRACKING, COLD, *RECIPES]
+    assert asked == [(WARM_UP + 4, systems)]
+    for system in systems:
+        assert any(line.startswith(system) for line in lines)
+
+
+def test_a_cold_tracker_is_reset_before_each_frame(clip, monkeypatch):
+    process = all_systems(load_camera(clip.with_suffix(".yaml")))[COLD]()
+    reset = LaneTracker.reset
+    before = []
+
+    def note_and_reset(tracker: LaneTracker) -> None:
+        before.append(tracker.lane)
+        reset(tracker)
+
+    monkeypatch.setattr(LaneTracker, "reset", note_and_reset)
+    for frame in islice(read_video(clip), 3):
+        process(frame)
+    assert len(before) == 3
+    assert before[0] is None
+    assert None not in before[1:]
 
 
 def test_a_transcode_keeps_all_frames(clip, tmp_path):

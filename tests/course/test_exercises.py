@@ -6,7 +6,6 @@ import re
 from contextlib import nullcontext
 from types import SimpleNamespace
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -35,13 +34,6 @@ WARP = FourPointWarp(
     destination_px=[(200, 0), (1080, 0), (1080, 719), (200, 719)],
     size=(1280, 720),
 )
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    plt.switch_backend("agg")
-    yield
-    plt.close("all")
 
 
 def test_each_verdict_is_one_line(monkeypatch, capsys):

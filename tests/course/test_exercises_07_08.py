@@ -6,7 +6,6 @@ The notebook's solutions and the listed wrong answers run in its kernel
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
@@ -37,13 +36,6 @@ IMAGE_TO_ROAD = road_homography(LENS, height_m=1.3, pitch_rad=-0.03)
 LEFT_M = (0.0, 0.0, 1.8)
 RIGHT_M = (0.0, 0.0, -1.8)
 GRAY = np.full((720, 1280, 3), 90, np.uint8)
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    plt.switch_backend("agg")
-    yield
-    plt.close("all")
 
 
 def painted_road(half_width_m: float = 1.8) -> np.ndarray:

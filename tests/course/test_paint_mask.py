@@ -100,6 +100,17 @@ def test_the_next_lane_and_the_far_road_do_not_count():
     assert rating.not_counted.any()
 
 
+def test_the_road_nearer_than_5_m_does_not_count():
+    line = paint_line("left_y_m") | paint_line("right_y_m")
+    near = paint_line("left_y_m", shift_m=-1.5, from_m=3.2, to_m=4.8)
+    assert rate(line | near).precision == 1
+
+
+def test_a_mask_without_a_pixel_that_counts_has_precision_0():
+    far = paint_line("left_y_m", from_m=31)
+    assert rate(far).precision == 0
+
+
 def test_the_recall_of_a_dash_is_its_length_of_one_line():
     rating = rate(paint_line("right_y_m", from_m=10, to_m=20))
     # 10 of the 25 m, and at most a step more at each end

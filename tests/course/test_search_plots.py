@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import matplotlib.pyplot as plt
 import numpy as np
-import pytest
 
 from course import search_plots
 from helpers import (
@@ -15,13 +13,6 @@ from helpers import (
     lane_histogram,
     sliding_windows,
 )
-
-
-@pytest.fixture(autouse=True)
-def close_figures():
-    plt.switch_backend("agg")
-    yield
-    plt.close("all")
 
 
 def two_lines() -> np.ndarray:

@@ -361,8 +361,9 @@ def test_pose_uses_the_lane(hidden, tmp_path, command):
 @pytest.mark.parametrize(
     ("network", "right"),
     [
-        ("pink", "1.000"),
-        ("blind", "0.000"),
+        ("pink.onnx", "1.000"),
+        ("pink.onnx,own", "1.000"),
+        ("blind.onnx", "0.000"),
     ],
 )
 def test_benchmark_scores_the_network(hidden, tmp_path, command, network, right):
@@ -374,7 +375,7 @@ def test_benchmark_scores_the_network(hidden, tmp_path, command, network, right)
     write_model(hidden / "blind.onnx", {"lines": threshold(-1, -1, -1)})
 
     scored = ("--labels", labels, "--system", "tracker")
-    out = command("benchmark", *scored, network=f"{network}.onnx")
+    out = command("benchmark", *scored, network=network)
     (line,) = [row for row in out.splitlines() if row.startswith("tracker")]
     assert line.split()[1:3] == ["1", right]
 

@@ -88,8 +88,16 @@ def test_only_a_single_worker_is_this_process(answers, workers):
     assert (os.getpid() in processes) == (workers == 1)
 
 
-def test_all_workers_get_jobs(answers, workers):
-    assert len({answer.process for answer in answers}) == workers
+def meet_in(folder: Path, workers: int, number: int) -> int:
+    """Wait until as many processes have a job; returns this one."""
+    (folder / str(os.getpid())).touch()
+    wait_for(lambda: len(list(folder.iterdir())) >= workers)
+    return os.getpid()
+
+
+def test_all_workers_get_jobs(workers, tmp_path):
+    processes = run_all(partial(meet_in, tmp_path, workers), JOBS, workers=workers)
+    assert len(set(processes)) == workers
 
 
 def test_this_process_keeps_its_opencv_threads(workers):
