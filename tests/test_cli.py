@@ -61,20 +61,21 @@ def drive(tmp_path_factory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def part(drive, tmp_path_factory) -> Ran:
+    folder = tmp_path_factory.mktemp("annotated")
+    half_width = SMALL.width / 2 / SMALL.matrix[0, 0]
+    hfov_deg = 2 * np.degrees(np.arctan(half_width))
+    lens = ["--hfov", hfov_deg]
+    part = ["--start", 0.4, "--end", 0.72]
+    look = ["--style", "mosaic", "--no-report"]
+    source = drive / "drive.mp4"
+    arguments = [*lens, *part, *look, source, "-o", folder]
+    return run_into(folder, "annotate", *arguments)
+
+
 class TestAnnotate:
     """A part of a video whose camera is not calibrated."""
-
-    @pytest.fixture(scope="class")
-    def part(self, drive, tmp_path_factory) -> Ran:
-        folder = tmp_path_factory.mktemp("annotated")
-        half_width = SMALL.width / 2 / SMALL.matrix[0, 0]
-        hfov_deg = 2 * np.degrees(np.arctan(half_width))
-        lens = ["--hfov", hfov_deg]
-        part = ["--start", 0.4, "--end", 0.72]
-        look = ["--style", "mosaic", "--no-report"]
-        source = drive / "drive.mp4"
-        arguments = [*lens, *part, *look, source, "-o", folder]
-        return run_into(folder, "annotate", *arguments)
 
     def test_succeeds_without_a_warning(self, part):
         assert (part.status, part.err) == (0, "")
@@ -94,44 +95,51 @@ class TestAnnotate:
         frame = read_telemetry(part.folder / "drive.csv")["frame"]
         np.testing.assert_array_equal(frame, np.arange(10, 18))
 
-    def test_prints_the_estimated_pose_with_its_standard_deviations(self, part):
+    def test_prints_the_estimated_pose_with_its_standard_deviations(
+        self, part
+    ):
         height = re.search(r"height +([\d.]+) ± [\d.]+ m", part.out)[1]
         assert float(height) == pytest.approx(SMALL.pose.height_m, abs=0.15)
+
+
+@pytest.fixture(scope="module")
+def after_failure(drive, tmp_path_factory) -> Ran:
+    folder = tmp_path_factory.mktemp("annotated")
+    for name in ("drive.mp4", "text.mp4"):
+        (folder / name).write_text("earlier")
+    sources = ["text.mp4", "d*.mp4", "stills", "cut.png"]
+    paths = [f"{drive}/{name}" for name in sources]
+    camera = ["--camera", drive / "drive.yaml"]
+    look = ["--style", "lines", "--quiet", "--end", 0.2]
+    arguments = [*camera, *look, *paths, "-o", folder]
+    return run_into(folder, "annotate", *arguments)
 
 
 class TestAnnotateAfterAFailure:
     """A text file and a still that is cut off, between good sources."""
 
-    @pytest.fixture(scope="class")
-    def ran(self, drive, tmp_path_factory) -> Ran:
-        folder = tmp_path_factory.mktemp("annotated")
-        for name in ("drive.mp4", "text.mp4"):
-            (folder / name).write_text("earlier")
-        sources = ["text.mp4", "d*.mp4", "stills", "cut.png"]
-        paths = [f"{drive}/{name}" for name in sources]
-        camera = ["--camera", drive / "drive.yaml"]
-        look = ["--style", "lines", "--quiet", "--end", 0.2]
-        arguments = [*camera, *look, *paths, "-o", folder]
-        return run_into(folder, "annotate", *arguments)
-
-    def test_the_errors_are_all_that_is_printed(self, ran):
+    def test_the_errors_are_all_that_is_printed(self, after_failure):
         text = r"error: .*text\.mp4: cannot be read as a video.*\n"
         cut = r"error: .*cut\.png: .* is cut off.*\n"
-        assert (ran.status, ran.out) == (1, "")
-        assert re.fullmatch(text + cut, ran.err)
+        assert (after_failure.status, after_failure.out) == (1, "")
+        assert re.fullmatch(text + cut, after_failure.err)
 
-    def test_the_other_sources_are_written(self, ran):
+    def test_the_other_sources_are_written(self, after_failure):
         of_drive = {"drive.mp4", "drive.csv", "drive.html"}
         of_stills = {"still0.png", "still1.png", "still2.png", "pictures.csv"}
-        assert names(ran.folder) == of_drive | of_stills | {"text.mp4"}
-        assert inspect_video(ran.folder / "drive.mp4").frames == 5
+        assert names(after_failure.folder) == of_drive | of_stills | {
+            "text.mp4"
+        }
+        assert inspect_video(after_failure.folder / "drive.mp4").frames == 5
 
-    def test_the_stills_are_drawn_on(self, ran, drive):
-        drawn = read_image(ran.folder / "still0.png")
+    def test_the_stills_are_drawn_on(self, after_failure, drive):
+        drawn = read_image(after_failure.folder / "still0.png")
         assert (drawn != read_image(drive / "stills" / "still0.png")).any()
 
-    def test_an_earlier_result_of_the_failed_source_is_kept(self, ran):
-        assert (ran.folder / "text.mp4").read_text() == "earlier"
+    def test_an_earlier_result_of_the_failed_source_is_kept(
+        self, after_failure
+    ):
+        assert (after_failure.folder / "text.mp4").read_text() == "earlier"
 
 
 @pytest.fixture(scope="module")
@@ -153,23 +161,25 @@ def motorway(tmp_path_factory) -> Path:
     return folder
 
 
+WIDTH_M = 3.2
+
+
+@pytest.fixture(scope="module")
+def pose_of_stills(motorway, tmp_path_factory) -> Ran:
+    folder = tmp_path_factory.mktemp("pose")
+    camera = ["--camera", motorway / "lens.yaml"]
+    width = ["--lane-width", WIDTH_M]
+    stills = motorway.glob("*.jpg")
+    output = folder / "camera.yaml"
+    return run_into(folder, "pose", *camera, *width, *stills, "-o", output)
+
+
 class TestPoseFromStills:
     """With a calibrated lens and a lane width."""
 
-    WIDTH_M = 3.2
-
-    @pytest.fixture(scope="class")
-    def ran(self, motorway, tmp_path_factory) -> Ran:
-        folder = tmp_path_factory.mktemp("pose")
-        camera = ["--camera", motorway / "lens.yaml"]
-        width = ["--lane-width", self.WIDTH_M]
-        stills = motorway.glob("*.jpg")
-        output = folder / "camera.yaml"
-        return run_into(folder, "pose", *camera, *width, *stills, "-o", output)
-
     @pytest.fixture
-    def found(self, ran) -> Camera:
-        return load_camera(ran.folder / "camera.yaml")
+    def found(self, pose_of_stills) -> Camera:
+        return load_camera(pose_of_stills.folder / "camera.yaml")
 
     def test_keeps_the_lens(self, found, motorway):
         lens = load_camera(motorway / "lens.yaml")
@@ -180,19 +190,19 @@ class TestPoseFromStills:
         assert np.degrees(found.pose.yaw_rad) == pytest.approx(1.5, abs=0.4)
 
     def test_finds_a_height_in_proportion_to_the_lane_width(self, found):
-        height_m = 1.3 * self.WIDTH_M / 3.66
+        height_m = 1.3 * WIDTH_M / 3.66
         assert found.pose.height_m == pytest.approx(height_m, abs=0.05)
 
-    def test_prints_the_pose_its_accuracy_and_the_file(self, ran):
-        assert ran.status == 0
-        assert "pictures 2 of 2 used" in ran.out
-        assert "looks left" in ran.out
-        assert "camera.yaml" in ran.out
+    def test_prints_the_pose_its_accuracy_and_the_file(self, pose_of_stills):
+        assert pose_of_stills.status == 0
+        assert "pictures 2 of 2 used" in pose_of_stills.out
+        assert "looks left" in pose_of_stills.out
+        assert "camera.yaml" in pose_of_stills.out
         accuracy = (
             r"offset and lane width to be good to \d+ cm and \d+% .*"
             "curvature twice as much"
         )
-        assert re.search(accuracy, ran.out)
+        assert re.search(accuracy, pose_of_stills.out)
 
 
 def test_pose_from_a_part_of_a_video_with_a_measured_height(motorway, tmp_path, run):
