@@ -33,101 +33,125 @@ def picture() -> np.ndarray:
     noticed.
     """
     image = np.zeros((40, 64, 3), np.uint8)
-    image[:, :32], image[:, 32:] = RED, GREEN
+    image[:, :32] = RED
+    image[:, 32:] = GREEN
     return image
 
 
-@pytest.mark.parametrize(
-    "suffix", [".png", ".bmp", ".tif", ".TIFF", ".jpg", ".jpeg", ".webp"]
-)
-def test_round_trip(tmp_path, picture, suffix):
-    """Every value stays in formats without loss, and red is red in the others, whose
-    quality can be chosen.
-    """
-    path = tmp_path / f"a{suffix}"
-    lossy = suffix in (".jpg", ".jpeg", ".webp")
-    read = read_image(write_image(path, picture))
+def noise(seed: int, height: int = 40, width: int = 64) -> np.ndarray:
+    values = np.random.default_rng(seed).integers(0, 256, (height, width, 3))
+    return values.astype(np.uint8)
+
+
+LOSSLESS = [".png", ".bmp", ".tif", ".TIFF"]
+LOSSY = [".jpg", ".jpeg", ".webp"]
+
+
+@pytest.mark.parametrize("suffix", [*LOSSLESS, *LOSSY])
+def test_red_stays_red(tmp_path, picture, suffix):
+    path = write_image(tmp_path / f"a{suffix}", picture)
+    read = read_image(path)
     assert read.shape == (40, 64, 3)
     assert read.dtype == np.uint8
-    np.testing.assert_allclose(
-        read[::20, 10::44].astype(int), picture[::20, 10::44], atol=6 if lossy else 0
-    )
-    noise = np.random.default_rng(2).integers(0, 256, (40, 64, 3)).astype(np.uint8)
-    sizes = [
-        write_image(path, noise, jpeg_quality=quality).stat().st_size
-        for quality in (40, 92)
-    ]
-    assert (
-        sizes[0] < 0.8 * sizes[1] if lossy else np.array_equal(read_image(path), noise)
-    )
+    middles = read[::20, 10::44].astype(int)
+    tolerance = 6 if suffix in LOSSY else 0
+    np.testing.assert_allclose(middles, picture[::20, 10::44], atol=tolerance)
+
+
+@pytest.mark.parametrize("suffix", LOSSLESS)
+def test_every_value_stays_in_formats_without_loss(tmp_path, suffix):
+    path = write_image(tmp_path / f"a{suffix}", noise(2))
+    np.testing.assert_array_equal(read_image(path), noise(2))
+
+
+@pytest.mark.parametrize("suffix", LOSSY)
+def test_the_quality_of_formats_with_loss_can_be_chosen(tmp_path, suffix):
+    low = write_image(tmp_path / f"low{suffix}", noise(2), jpeg_quality=40)
+    high = write_image(tmp_path / f"high{suffix}", noise(2), jpeg_quality=92)
+    assert low.stat().st_size < 0.8 * high.stat().st_size
 
 
 @pytest.mark.parametrize("suffix", ["jpg", "tif"])
 def test_a_photo_is_turned_once_as_its_exif_says(tmp_path, picture, suffix):
+    path = tmp_path / f"a.{suffix}"
     exif = Image.Exif()
     exif[0x0112] = 6
-    Image.fromarray(picture).save(
-        tmp_path / f"a.{suffix}", exif=exif, quality=100, subsampling=0
-    )
-    np.testing.assert_allclose(
-        read_image(tmp_path / f"a.{suffix}"), np.rot90(picture, -1), atol=8
-    )
+    Image.fromarray(picture).save(path, exif=exif, quality=100, subsampling=0)
+    np.testing.assert_allclose(read_image(path), np.rot90(picture, -1), atol=8)
 
 
-def test_files_of_other_programs_are_read_and_ours_by_them(tmp_path, picture):
-    """Red is red; gray becomes three equal channels; alpha is dropped."""
+def test_other_programs_read_our_files(tmp_path, picture):
+    path = write_image(tmp_path / "a.png", picture)
+    blue_green_red = cv2.imread(str(path))[0, 0]
+    assert tuple(blue_green_red) == RED[::-1]
+
+
+GRAY = np.arange(200, dtype=np.uint8).reshape(10, 20)
+
+
+@pytest.mark.parametrize("read", [to_rgb, None], ids=["array", "file"])
+def test_gray_becomes_three_equal_channels(tmp_path, read):
+    if read is None:
+        path = tmp_path / "a.png"
+        cv2.imwrite(str(path), GRAY)
+        image = read_image(path)
+    else:
+        image = read(GRAY)
+    np.testing.assert_array_equal(image, np.dstack([GRAY] * 3))
+
+
+def test_alpha_is_dropped(tmp_path, picture):
     path = tmp_path / "a.png"
-    assert tuple(cv2.imread(str(write_image(path, picture)))[0, 0]) == RED[::-1]
-    gray = np.arange(200, dtype=np.uint8).reshape(10, 20)
-    cv2.imwrite(str(path), gray)
-    three = np.repeat(gray[..., None], 3, axis=2)
-    assert np.array_equal(read_image(path), three)
-    assert np.array_equal(to_rgb(gray), three)
-    cv2.imwrite(
-        str(path),
-        np.dstack([picture[..., ::-1], np.full(picture.shape[:2], 7, np.uint8)]),
-    )
-    assert np.array_equal(read_image(path), picture)
-    photo = Image.fromarray(picture)
-    preview = Image.new("RGB", (8, 5))
-    photo.save(
-        tmp_path / "a.jpg",
+    alpha = np.full(picture.shape[:2], 7, np.uint8)
+    cv2.imwrite(str(path), np.dstack([picture[..., ::-1], alpha]))
+    np.testing.assert_array_equal(read_image(path), picture)
+
+
+def test_the_preview_of_a_phone_is_no_second_image(tmp_path, picture):
+    path = tmp_path / "a.jpg"
+    Image.fromarray(picture).save(
+        path,
         "MPO",
         save_all=True,
-        append_images=[preview],
+        append_images=[Image.new("RGB", (8, 5))],
         quality=100,
         subsampling=0,
     )
-    np.testing.assert_allclose(
-        read_image(tmp_path / "a.jpg"), picture, atol=8
-    )  # of phones: no second image
+    np.testing.assert_allclose(read_image(path), picture, atol=8)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.99])
 @pytest.mark.parametrize("suffix", [".jpg", ".png", ".webp", ".bmp", ".tif"])
 def test_truncated_file_is_refused(tmp_path, suffix, share):
-    noisy = np.random.default_rng(3).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    path = write_image(tmp_path / f"cut{suffix}", noisy)
-    path.write_bytes(path.read_bytes()[: int(share * path.stat().st_size)])
+    path = write_image(tmp_path / f"cut{suffix}", noise(3, 60, 80))
+    content = path.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(PictureError, match=f"cut{suffix}.*cut off"):
         read_image(path)
 
 
-@pytest.mark.parametrize("claimed_px", [64, 60000])
-def test_a_thumbnail_is_not_taken_for_the_picture(tmp_path, picture, claimed_px):
-    """Neither the size in its header, which comes before the picture's, nor its end
-    marker.
-    """
+@pytest.fixture(params=[64, 60000])
+def with_thumbnail(request, tmp_path, picture) -> Path:
+    """A JPEG with a thumbnail that claims to have so many pixels to a side."""
     path = write_image(tmp_path / "a.jpg", picture)
-    thumbnail = tmp_path / "thumbnail.jpg"
     whole = path.read_bytes()
-    jpeg_claiming(claimed_px, claimed_px)(thumbnail, whole)
-    segment = b"\xff\xe1" + (2 + len(whole)).to_bytes(2, "big") + thumbnail.read_bytes()
+    thumbnail = tmp_path / "thumbnail.jpg"
+    jpeg_claiming(request.param, request.param)(thumbnail, whole)
+    length = (2 + len(whole)).to_bytes(2, "big")
+    segment = b"\xff\xe1" + length + thumbnail.read_bytes()
     path.write_bytes(whole[:2] + segment + whole[2:])
-    assert read_image(path).shape == picture.shape
-    path.write_bytes(path.read_bytes()[:-4])
+    return path
+
+
+def test_the_size_of_a_thumbnail_is_not_that_of_the_picture(with_thumbnail, picture):
+    """It stands in the file before that of the picture."""
+    assert read_image(with_thumbnail).shape == picture.shape
+
+
+def test_the_end_of_a_thumbnail_is_not_that_of_the_picture(with_thumbnail):
+    with_thumbnail.write_bytes(with_thumbnail.read_bytes()[:-4])
     with pytest.raises(PictureError, match="cut off"):
-        read_image(path)
+        read_image(with_thumbnail)
 
 
 def write_pages(path: Path) -> None:
@@ -135,24 +159,25 @@ def write_pages(path: Path) -> None:
     pages[0].save(path, save_all=True, append_images=pages[1:])
 
 
-HEIC = b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99)
+def write_heic(path: Path) -> None:
+    path.write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
+
+
+def write_16_bits(path: Path) -> None:
+    Image.new("I;16", (6, 4), 40_000).save(path)
+
+
 PAGES = "holds 3 images; save the one to use alone, or convert all"
 
 
 @pytest.mark.parametrize(
     ("name", "write", "words"),
     [
-        *((f"a.{suffix}", write_pages, PAGES) for suffix in ("webp", "png", "tif")),
-        (
-            "a.heic",
-            lambda path: path.write_bytes(HEIC),
-            "cannot be .*not a JPEG, .*convert it to JPEG",
-        ),
-        (
-            "a.png",
-            lambda path: Image.new("I;16", (6, 4), 40_000).save(path),
-            "has more than 8 bits a pixel",
-        ),
+        ("a.webp", write_pages, PAGES),
+        ("a.png", write_pages, PAGES),
+        ("a.tif", write_pages, PAGES),
+        ("a.heic", write_heic, "cannot be .*not a JPEG, .*convert it to JPEG"),
+        ("a.png", write_16_bits, "has more than 8 bits a pixel"),
     ],
 )
 def test_other_files_are_refused_with_a_remedy(tmp_path, name, write, words):
@@ -178,6 +203,11 @@ def tracked(image: np.ndarray, _: Path) -> np.ndarray:
     return draw_lane(image, found, SMALL)
 
 
+def boards_drawn(image: np.ndarray, _: Path) -> np.ndarray:
+    board = Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)
+    return draw_board(image, board)
+
+
 # Functions that take an image of the camera's size and a folder.
 TAKE_IMAGES = {
     "require_rgb": lambda image, _: require_rgb(image),
@@ -185,30 +215,32 @@ TAKE_IMAGES = {
     "VideoWriter": encoded,
     "undistort": lambda image, _: undistort(image, SMALL),
     "find_board": lambda image, _: np.array(find_board(image) is None),
-    "draw_board": lambda image, _: draw_board(
-        image, Board(np.zeros((20, 2), np.float32), 5, 4, SMALL.size)
-    ),
+    "draw_board": boards_drawn,
     "bird's-eye view": lambda image, _: BirdsEyeView(SMALL).warp(image),
     "find_lane": lambda image, _: find_lane(image, SMALL).model,
     "LaneTracker and draw_lane": tracked,
     "explain": lambda image, _: explain(image, SMALL).image,
 }
-AS_PEOPLE_HAVE_THEM = {
-    "read-only": np.copy,
-    "BGR reversed": lambda image: np.ascontiguousarray(image[..., ::-1])[..., ::-1],
-    "transposed": lambda image: np.ascontiguousarray(
-        image.transpose(1, 0, 2)
-    ).transpose(1, 0, 2),
-}
 
 
-@pytest.mark.parametrize("view", AS_PEOPLE_HAVE_THEM.values(), ids=AS_PEOPLE_HAVE_THEM)
+def bgr_reversed(image: np.ndarray) -> np.ndarray:
+    bgr = np.ascontiguousarray(image[..., ::-1])
+    return bgr[..., ::-1]
+
+
+def transposed(image: np.ndarray) -> np.ndarray:
+    columns = np.ascontiguousarray(image.transpose(1, 0, 2))
+    return columns.transpose(1, 0, 2)
+
+
+@pytest.mark.parametrize("view", [np.copy, bgr_reversed, transposed])
 @pytest.mark.parametrize("function", TAKE_IMAGES.values(), ids=TAKE_IMAGES)
 def test_views_and_read_only_arrays_give_the_same(function, view, tmp_path):
     image = tracked_bends()[0]
     viewed = view(image)
     viewed.flags.writeable = False
-    np.testing.assert_array_equal(function(viewed, tmp_path), function(image, tmp_path))
+    of_view = function(viewed, tmp_path)
+    np.testing.assert_array_equal(of_view, function(image, tmp_path))
     np.testing.assert_array_equal(viewed, image)
 
 

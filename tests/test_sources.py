@@ -1,9 +1,8 @@
-"""Files that names stand for, outputs that would overwrite files, and images sampled
-from stills and videos.
-"""
+"""Files that names stand for, and images sampled from stills and videos."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,62 +17,81 @@ from lanes.video.writer import VideoWriter
 from tests.support.clips import encode
 
 
-def test_the_name_decides_what_a_file_is(tmp_path):
-    """What is neither a picture nor a video is skipped in a folder, and named; a video
-    that is named itself is read.
-    """
-    gray = Image.new("L", (64, 36), 90)
-    for name in ("a.jfif", "b.jpe", "c.avif", "d.png"):  # the last one is a JPEG
-        gray.save(tmp_path / name, format="AVIF" if name == "c.avif" else "JPEG")
-    videos = {
-        "e.m2ts": "mpegts",
-        "f.h264": "h264",
-        "g.3gp": "mp4",
-        "h.wmv": "asf",
-        "i.flv": "flv",
-        "j.mxf": "mxf",
-    }
-    for name, container in (videos | {"k.gif": "gif", "l": "matroska"}).items():
-        codec = {"asf": "wmv2", "mxf": "mpeg2video", "gif": "gif"}.get(
-            container, "libx264"
-        )
-        pixels = "rgb8" if container == "gif" else "yuv420p"
-        images = [np.full((64, 64, 3), 40 * number, np.uint8) for number in range(5)]
-        encode(tmp_path / name, images, codec, pixels, container=container)
-    (tmp_path / "notes.txt").write_text("notes")
-    (tmp_path / ".hidden.mp4").touch()
-    (tmp_path / "d.partial.7.mp4").touch()
-    (tmp_path / "empty").mkdir()
-    for missing, words in {
-        "no.mp4": "no such file or",
-        "*.webm": "no such file",
-        "empty": "holds neither",
-    }.items():
+def plain(level: int, width: int = 64, height: int = 36) -> np.ndarray:
+    return np.full((height, width, 3), level, np.uint8)
+
+
+STILLS = {"a.jfif": "JPEG", "b.jpe": "JPEG", "c.avif": "AVIF", "d.png": "JPEG"}
+# Container, codec and format of the pixels; the last one has no suffix.
+VIDEOS = {
+    "e.m2ts": ("mpegts", "libx264", "yuv420p"),
+    "f.h264": ("h264", "libx264", "yuv420p"),
+    "g.3gp": ("mp4", "libx264", "yuv420p"),
+    "h.wmv": ("asf", "wmv2", "yuv420p"),
+    "i.flv": ("flv", "libx264", "yuv420p"),
+    "j.mxf": ("mxf", "mpeg2video", "yuv420p"),
+    "k.gif": ("gif", "gif", "rgb8"),
+    "l": ("matroska", "libx264", "yuv420p"),
+}
+VIDEO_NAMES = [*VIDEOS][:-1]
+# A recording of ROS has another metadata.yaml.
+OTHERS = ["camera.yaml", "l", "metadata.yaml", "notes.txt"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    """Stills of one brightness, videos of five frames, and other files."""
+    folder = tmp_path_factory.mktemp("folder")
+    for name, form in STILLS.items():
+        Image.new("L", (64, 36), 90).save(folder / name, format=form)
+    for name, (container, codec, pixels) in VIDEOS.items():
+        images = [plain(40 * number, height=64) for number in range(5)]
+        encode(folder / name, images, codec, pixels, container=container)
+    for name in ("camera.yaml", "metadata.yaml", "notes.txt"):
+        (folder / name).write_text("image_width: 640")
+    for name in (".hidden.mp4", "d.partial.7.mp4"):
+        (folder / name).touch()
+    (folder / "empty").mkdir()
+    return folder
+
+
+def names(paths: Sequence[Path]) -> list[str]:
+    return [path.name for path in paths]
+
+
+class TestFindSources:
+    def test_the_name_decides_what_a_file_of_a_folder_is(self, folder):
+        found = find_sources([str(folder)])
+        assert names(found.stills) == [*STILLS]
+        assert names(found.videos) == VIDEO_NAMES
+
+    def test_other_files_of_a_folder_are_skipped_and_named(self, folder):
+        assert names(find_sources([str(folder)]).skipped) == OTHERS
+
+    def test_a_pattern_names_its_files_only(self, folder):
+        found = find_sources([f"{folder}/**/*.3gp"])
+        assert names(found.videos) == ["g.3gp"]
+
+    @pytest.mark.parametrize(
+        ("name", "words"),
+        [
+            ("no.mp4", "no such file or"),
+            ("*.webm", "no such file"),
+            ("empty", "holds neither"),
+        ],
+    )
+    def test_a_name_without_a_file_is_refused(self, folder, name, words):
         with pytest.raises(FileNotFoundError, match=words):
-            find_sources([f"{tmp_path}/{missing}"])
-    for name in ("camera.yaml", "metadata.yaml"):  # a recording of ROS has another one
-        (tmp_path / name).write_text("image_width: 640")
-    found = find_sources([str(tmp_path)])
-    assert [path.name for path in found.stills] == [
-        "a.jfif",
-        "b.jpe",
-        "c.avif",
-        "d.png",
-    ]
-    assert [path.name for path in found.videos] == [*videos, "k.gif"]
-    assert [path.name for path in found.skipped] == [
-        "camera.yaml",
-        "l",
-        "metadata.yaml",
-        "notes.txt",
-    ]
-    assert [path.name for path in find_sources([f"{tmp_path}/**/*.3gp"]).videos] == [
-        "g.3gp"
-    ]
-    for still in found.stills:
-        assert np.abs(read_image(still).astype(int) - 90).max() < 4
-    named = find_sources([str(tmp_path / "l")])
-    for video in found.videos + named.videos:
+            find_sources([f"{folder}/{name}"])
+
+    @pytest.mark.parametrize("name", STILLS)
+    def test_the_content_decides_how_a_still_is_read(self, folder, name):
+        image = read_image(folder / name).astype(int)
+        assert np.abs(image - 90).max() < 4
+
+    @pytest.mark.parametrize("name", VIDEOS)
+    def test_a_video_that_is_named_is_read_whatever_its_suffix(self, folder, name):
+        (video,) = find_sources([str(folder / name)]).videos
         assert len(list(read_video(video))) == 5
 
 
@@ -84,61 +102,64 @@ def drive(tmp_path_factory) -> Path:
     """
     folder = tmp_path_factory.mktemp("drive")
     for number in range(2):
-        write_image(
-            folder / f"still{number}.png",
-            np.full((36, 64, 3), 200 + 20 * number, np.uint8),
-        )
+        write_image(folder / f"still{number}.png", plain(200 + 20 * number))
     with VideoWriter(folder / "drive.mp4", fps=2) as video:
         for number in range(6):
-            video.write(np.full((36, 64, 3), 20 + 25 * number, np.uint8), number / 2)
+            video.write(plain(20 + 25 * number), number / 2)
     return folder
 
 
-def brightness(images) -> list[int]:
+@pytest.fixture(scope="module")
+def hole(tmp_path_factory) -> Path:
+    """A video of 20 frames, 10 a second; nothing was recorded from second 1 to 3."""
+    path = tmp_path_factory.mktemp("hole") / "hole.mp4"
+    with VideoWriter(path, fps=10) as video:
+        for number in range(20):
+            pause_s = 2 if number >= 10 else 0
+            video.write(plain(10 * number), number / 10 + pause_s)
+    return path
+
+
+def brightness(images: Iterable[np.ndarray]) -> list[int]:
     return [round(float(image.mean())) for image in images]
 
 
-def test_images_are_spread_over_stills_and_video(drive):
-    files = [drive / "still0.png", drive / "drive.mp4", drive / "still1.png"]
-    assert brightness(sample_images(files, 40)) == pytest.approx(
-        [200, 20, 45, 70, 95, 120, 145, 220], abs=2
+class TestSampleImages:
+    @pytest.mark.parametrize(
+        ("most", "expected"),
+        [
+            (40, [200, 20, 45, 70, 95, 120, 145, 220]),
+            # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows
+            # its third and fourth frame.
+            (4, [200, 70, 95, 220]),
+        ],
     )
-    # Four samples of the video are 0.75 s apart. At 0.75 s and 1.5 s it shows its third
-    # and fourth frame.
-    assert brightness(sample_images(files, 4)) == pytest.approx(
-        [200, 70, 95, 220], abs=2
-    )
+    def test_are_spread_over_stills_and_video(self, drive, most, expected):
+        files = [drive / "still0.png", drive / "drive.mp4", drive / "still1.png"]
+        sampled = brightness(sample_images(files, most))
+        assert sampled == pytest.approx(expected, abs=2)
 
+    @pytest.mark.parametrize("name", ["drive.mp4", "still0.png"])
+    def test_refused_images_are_named_by_their_file(self, drive, name):
+        def refuse(image: np.ndarray, file: Path) -> None:
+            if image.mean() > 60:
+                raise PictureError(f"{file.name}: is too bright")
 
-def test_images_that_are_not_wanted_are_refused_with_their_file(drive):
-    def refuse(image: np.ndarray, file: Path) -> None:
-        if image.mean() > 60:
-            raise PictureError(f"{file.name}: is too bright")
+        sampled = sample_images([drive / name], 40, require=refuse)
+        with pytest.raises(PictureError, match=f"{name}: is too bright"):
+            list(sampled)
 
-    files = [drive / "drive.mp4", drive / "still0.png"]
-    with pytest.raises(PictureError, match=r"drive\.mp4: is too bright"):
-        list(sample_images(files, 40, require=refuse))
-    with pytest.raises(PictureError, match=r"still0\.png: is too bright"):
-        list(sample_images(files[1:], 40, require=refuse))
-    with pytest.raises(
-        VideoError, match=r"drive\.mp4: lasts 3 s; begin before that, not at 3\.5 s"
-    ):
-        list(sample_images(files, 40, start_s=3.5))
+    def test_the_first_file_that_cannot_be_used_is_named(self, drive):
+        files = [drive / "drive.mp4", drive / "still0.png"]
+        words = r"drive\.mp4: lasts 3 s; begin before that, not at 3\.5 s"
+        with pytest.raises(VideoError, match=words):
+            list(sample_images(files, 40, start_s=3.5))
 
+    def test_are_not_from_behind_the_part(self, hole):
+        sampled = brightness(sample_images([hole], 40, start_s=0.5, end_s=2.5))
+        assert sampled == pytest.approx([50, 70, 90], abs=2)
 
-def test_no_image_is_from_behind_the_part(tmp_path):
-    """Nothing was recorded from second 1 to 3."""
-    with VideoWriter(tmp_path / "hole.mp4", fps=10) as video:
-        for number in range(20):
-            video.write(
-                np.full((36, 64, 3), 10 * number, np.uint8),
-                number / 10 + (2 if number >= 10 else 0),
-            )
-    sampled = brightness(
-        sample_images([tmp_path / "hole.mp4"], 40, start_s=0.5, end_s=2.5)
-    )
-    assert sampled == pytest.approx([50, 70, 90], abs=2)
-    with pytest.raises(
-        VideoError, match="has no frame at or after 1.5 s and before 2.5 s"
-    ):
-        list(sample_images([tmp_path / "hole.mp4"], 40, start_s=1.5, end_s=2.5))
+    def test_a_part_without_a_frame_is_refused(self, hole):
+        words = "has no frame at or after 1.5 s and before 2.5 s"
+        with pytest.raises(VideoError, match=words):
+            list(sample_images([hole], 40, start_s=1.5, end_s=2.5))
