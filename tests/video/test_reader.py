@@ -5,7 +5,9 @@ unusable files.
 from __future__ import annotations
 
 import struct
+from dataclasses import dataclass, field
 from fractions import Fraction
+from pathlib import Path
 
 import av
 import numpy as np
@@ -15,7 +17,12 @@ from lanes.errors import VideoError
 from lanes.recording import MAX_PIXELS
 from lanes.video import reader
 from lanes.video.images import as_stored, make_upright
-from lanes.video.reader import inspect_video, open_video, read_timed_frames, read_video
+from lanes.video.reader import (
+    inspect_video,
+    open_video,
+    read_timed_frames,
+    read_video,
+)
 from lanes.video.writer import process_video
 from tests.support.clips import add_tone, encode
 from tests.video.sample_videos import (
@@ -25,173 +32,247 @@ from tests.video.sample_videos import (
     number_of,
     numbered,
     set_matrix,
-    set_rotation,
     unchanged,
 )
 
-FRAMES = 6
+
+def numbers_in(path: Path, **part: float) -> list[int]:
+    """The numbers that the frames of a video show."""
+    return [number_of(image) for image in read_video(path, **part)]
 
 
-# Suffix of a file, and how to encode it.
+@dataclass(frozen=True)
+class Format:
+    """How to encode six frames; `bars_px` are black rows above and below the image."""
+
+    suffix: str = "mp4"
+    codec: str = "libx264"
+    pixels: str = "yuv420p"
+    options: dict[str, str] = field(default_factory=dict)
+    fps: int = 30
+    size: tuple[int, int] = SIZE
+    bars_px: int = 0
+
+    def image(self, number: int) -> np.ndarray:
+        bars = (self.bars_px, self.bars_px)
+        return np.pad(numbered(number, self.size), (bars, (0, 0), (0, 0)))
+
+    def encode(self, folder: Path) -> Path:
+        if self.codec not in av.codecs_available:
+            pytest.skip(f"this build of PyAV has no encoder {self.codec}")
+        return encode(
+            folder / f"drive.{self.suffix}",
+            map(self.image, range(6)),
+            self.codec,
+            self.pixels,
+            fps=self.fps,
+            options=self.options,
+        )
+
+
+HEVC_OPTIONS = {"preset": "ultrafast", "x265-params": "log-level=none"}
+VP9_OPTIONS = {"deadline": "realtime", "cpu-used": "8"}
 FORMATS = {
-    "HEVC 10 bit": (
-        "mp4",
-        "libx265",
-        "yuv420p10le",
-        {"preset": "ultrafast", "x265-params": "log-level=none"},
-    ),
-    "VP9": ("webm", "libvpx-vp9", "yuv420p", {"deadline": "realtime", "cpu-used": "8"}),
-    "AV1": ("mp4", "libsvtav1", "yuv420p", {"preset": "12"}),
-    "MJPEG": ("avi", "mjpeg", "yuvj420p", {}),
-    "interlaced": ("mp4", "libx264", "yuv420p", {"x264-params": "tff=1"}),
-    "4:4:4": ("mp4", "libx264", "yuv444p", {}),
-    "gray 16 bit": ("mkv", "ffv1", "gray16le", {}),
-    "alpha": ("mov", "png", "rgba", {}),
-    "240 fps": ("mp4", "libx264", "yuv420p", {}),
-    "portrait": ("mp4", "libx264", "yuv420p", {}),
-    "letterbox": ("mp4", "libx264", "yuv420p", {}),
+    "HEVC 10 bit": Format("mp4", "libx265", "yuv420p10le", HEVC_OPTIONS),
+    "VP9": Format("webm", "libvpx-vp9", options=VP9_OPTIONS),
+    "AV1": Format("mp4", "libsvtav1", options={"preset": "12"}),
+    "MJPEG": Format("avi", "mjpeg", "yuvj420p"),
+    "interlaced": Format(options={"x264-params": "tff=1"}),
+    "4:4:4": Format(pixels="yuv444p"),
+    "gray 16 bit": Format("mkv", "ffv1", "gray16le"),
+    "alpha": Format("mov", "png", "rgba"),
+    "240 fps": Format(fps=240),
+    "portrait": Format(size=(160, 284)),
+    "letterbox": Format(bars_px=16),
 }
 
 
-@pytest.mark.parametrize("name", FORMATS)
-def test_formats_of_phones_and_dashcams(tmp_path, name):
-    """Every frame once and in order, at the rate and in the size of the source."""
-    suffix, codec, pixels, options = FORMATS[name]
-    if codec not in av.codecs_available:
-        pytest.skip(f"this build of PyAV has no encoder {codec}")
-    fps = 240 if "fps" in name else 30
-    bars_px = 16 if name == "letterbox" else 0  # above and below the image
-    size = (160, 284) if name == "portrait" else SIZE
-    images = [
-        np.pad(numbered(number, size), ((bars_px, bars_px), (0, 0), (0, 0)))
-        for number in range(FRAMES)
-    ]
-    path = encode(
-        tmp_path / f"drive.{suffix}", images, codec, pixels, fps=fps, options=options
-    )
+@pytest.fixture(params=["read", "written"])
+def recoded(request, tmp_path, name) -> Path:
+    """A video of a format, or the one that is made from it."""
+    path = FORMATS[name].encode(tmp_path)
+    if request.param == "read":
+        return path
     process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
-    for file in (path, tmp_path / "out.mp4"):
-        info = inspect_video(file)
-        frames = list(read_video(file))
-        assert (info.frames, info.missing, info.fps) == (FRAMES, 0, fps)
-        assert (frames[0].shape, frames[0].dtype) == (images[0].shape, np.uint8)
-        assert [number_of(frame[: len(frame) - bars_px]) for frame in frames] == list(
-            range(FRAMES)
-        )
-        assert bars_px == 0 or frames[3][: bars_px - 2].max() < 30
-        assert "gray" not in name or np.ptp(frames[0].astype(int), axis=2).max() <= 2
+    return tmp_path / "out.mp4"
 
 
-@pytest.mark.parametrize(
-    ("suffix", "hollow"), [("mp4", True), ("avi", True), ("mp4", False)]
-)
-def test_videos_without_frames_and_sound_without_video(tmp_path, suffix, hollow):
+class TestFormatsOfPhonesAndDashcams:
+    @pytest.mark.parametrize("name", FORMATS)
+    def test_frames_and_rate_are_known(self, recoded, name):
+        info = inspect_video(recoded)
+        assert (info.frames, info.missing) == (6, 0)
+        assert info.fps == FORMATS[name].fps
+
+    @pytest.mark.parametrize("name", FORMATS)
+    def test_every_frame_comes_once_and_in_order(self, recoded, name):
+        bars_px = FORMATS[name].bars_px
+        frames = [image[: len(image) - bars_px] for image in read_video(recoded)]
+        assert [number_of(frame) for frame in frames] == list(range(6))
+
+    @pytest.mark.parametrize("name", FORMATS)
+    def test_images_have_the_size_of_the_source(self, recoded, name):
+        image = next(read_video(recoded))
+        assert image.shape == FORMATS[name].image(0).shape
+        assert image.dtype == np.uint8
+
+    @pytest.mark.parametrize("name", ["letterbox"])
+    def test_bars_are_black(self, recoded):
+        *_, fourth, _, _ = read_video(recoded)
+        assert fourth[:14].max() < 30
+
+    @pytest.mark.parametrize("name", ["gray 16 bit"])
+    def test_gray_is_without_colour(self, recoded):
+        image = next(read_video(recoded)).astype(int)
+        assert np.ptp(image, axis=2).max() <= 2
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "avi"])
+def test_a_video_without_frames_is_refused(tmp_path, suffix):
     path = tmp_path / f"hollow.{suffix}"
     with av.open(str(path), "w") as container:
-        if hollow:
-            stream = container.add_stream("libx264", rate=25)
-            stream.width, stream.height, stream.pix_fmt = *SIZE, "yuv420p"
-            container.start_encoding()
-        else:
-            add_tone(
-                container,
-                container.add_stream("aac", rate=48000, layout="mono"),
-                0.0,
-                0.2,
-            )
-    sentence = (
-        r"hollow\..*holds no frame"
-        if hollow
-        else "holds no frame of a video .its streams: audio"
-    )
-    with pytest.raises(VideoError, match=sentence):
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height = SIZE
+        stream.pix_fmt = "yuv420p"
+        container.start_encoding()
+    with pytest.raises(VideoError, match=r"hollow\..*holds no frame"):
         inspect_video(path)
 
 
-def test_part_that_does_not_exist(video):
-    assert [
-        frame.number for frame in read_timed_frames(video, start_s=1.6, end_s=9)
-    ] == list(range(40, 50))
-    assert [
-        number_of(image) for image in read_video(video, start_s=1.0, end_s=1.2)
-    ] == list(range(25, 30))
-    with pytest.raises(VideoError, match="no frame at or after 2.5 s"):
-        next(read_video(video, start_s=2.5))
-    with pytest.raises(VideoError, match="start_s < end_s"):
-        next(read_video(video, start_s=1.5, end_s=1.0))
+def test_sound_without_video_is_refused(tmp_path):
+    path = tmp_path / "sound.mp4"
+    with av.open(str(path), "w") as container:
+        track = container.add_stream("aac", rate=48000, layout="mono")
+        add_tone(container, track, 0.0, 0.2)
+    words = "holds no frame of a video .its streams: audio"
+    with pytest.raises(VideoError, match=words):
+        inspect_video(path)
 
 
-@pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_display_matrix_turns_and_mirrors_as_players_do(tmp_path, orientation):
-    """Each corner of the stored image lands where the matrix puts it: (column, row) in
-    the image to that on screen.
-    """
-    path = tmp_path / "stored.mp4"
-    target = tmp_path / "shown.mp4"
-    corners = np.zeros((96, 160, 3), np.uint8)
-    corners[:48, :80], corners[:48, 80:], corners[48:, :80] = (
-        (250, 0, 0),
-        (0, 250, 0),
-        (0, 0, 250),
+class TestParts:
+    def test_frames_keep_their_numbers(self, video):
+        frames = read_timed_frames(video, start_s=1.6, end_s=9)
+        assert [frame.number for frame in frames] == list(range(40, 50))
+
+    def test_the_end_is_left_out(self, video):
+        assert numbers_in(video, start_s=1.0, end_s=1.2) == list(range(25, 30))
+
+    @pytest.mark.parametrize(
+        ("part", "words"),
+        [
+            ({"start_s": 2.5}, "no frame at or after 2.5 s"),
+            ({"start_s": 1.5, "end_s": 1.0}, "start_s < end_s"),
+        ],
     )
-    encode(path, [corners] * 2)
-    # to the right on screen for a step to the right and one down in the image, then
-    # down on screen
-    matrix = {1: (1, 0, 0, 1), 2: (-1, 0, 0, 1), 3: (-1, 0, 0, -1), 4: (1, 0, 0, -1)}
-    matrix |= {5: (0, 1, 1, 0), 6: (0, 1, -1, 0), 7: (0, -1, -1, 0), 8: (0, -1, 1, 0)}
-    a, b, c, d = matrix[orientation]
-    set_matrix(path, target, a, b, c, d)
-    image = next(read_video(target))
-    info = inspect_video(target)
-    assert (
-        image.shape[1::-1]
-        == (info.width, info.height)
-        == ((160, 96) if b == 0 else (96, 160))
-    )
-    assert info.mirrored == (a * d - b * c < 0)
-    for row, column in ((0, 0), (0, 1), (1, 0), (1, 1)):
-        x = 2 * column - 1
-        y = 2 * row - 1  # from the centre
-        right = a * x + c * y
-        down = b * x + d * y
-        at = image[(1 + down) // 2 * -1 or 0, (1 + right) // 2 * -1 or 0]
-        np.testing.assert_allclose(at, corners[row * -1, column * -1], atol=12)
-    assert info.orientation == orientation
-    assert (as_stored(make_upright(corners, orientation), orientation) == corners).all()
+    def test_one_that_does_not_exist_is_refused(self, video, part, words):
+        with pytest.raises(VideoError, match=words):
+            next(read_video(video, **part))
 
 
-@pytest.mark.parametrize(
-    ("aspect", "degrees", "size"),
-    [
-        ((16, 11), None, (233, 96)),
-        ((8, 9), None, (160, 108)),
-        ((4, 3), 90, (96, 213)),
-        ((9, 1), None, SIZE),
-    ],
-)
-def test_pixels_are_square(tmp_path, aspect, degrees, size):
+CORNERS = np.zeros((96, 160, 3), np.uint8)
+CORNERS[:48, :80] = (250, 0, 0)
+CORNERS[:48, 80:] = (0, 250, 0)
+CORNERS[48:, :80] = (0, 0, 250)
+# Display matrix by EXIF orientation: to the right on screen for a step to the right and
+# one down in the image, then down on screen.
+MATRICES = {
+    1: (1, 0, 0, 1),
+    2: (-1, 0, 0, 1),
+    3: (-1, 0, 0, -1),
+    4: (1, 0, 0, -1),
+    5: (0, 1, 1, 0),
+    6: (0, 1, -1, 0),
+    7: (0, -1, -1, 0),
+    8: (0, -1, 1, 0),
+}
+
+
+class TestDisplayMatrix:
+    """It maps (column, row) in the image to that on screen, as players do."""
+
+    @pytest.fixture
+    def shown(self, tmp_path, orientation) -> Path:
+        stored = encode(tmp_path / "stored.mp4", [CORNERS] * 2)
+        set_matrix(stored, tmp_path / "shown.mp4", *MATRICES[orientation])
+        return tmp_path / "shown.mp4"
+
+    @pytest.mark.parametrize("orientation", MATRICES)
+    def test_each_corner_lands_where_it_says(self, shown, orientation):
+        a, b, c, d = MATRICES[orientation]
+        image = next(read_video(shown))
+        for y in (-1, 1):  # from the centre
+            for x in (-1, 1):
+                right = a * x + c * y
+                down = b * x + d * y
+                seen = image[-(down > 0), -(right > 0)]
+                np.testing.assert_allclose(seen, CORNERS[-(y > 0), -(x > 0)], atol=12)
+
+    @pytest.mark.parametrize("orientation", MATRICES)
+    def test_the_size_is_that_on_screen(self, shown, orientation):
+        size = (96, 160) if orientation >= 5 else (160, 96)
+        info = inspect_video(shown)
+        assert (info.width, info.height) == size
+        assert next(read_video(shown)).shape[1::-1] == size
+
+    @pytest.mark.parametrize("orientation", MATRICES)
+    def test_orientation_and_mirroring_are_known(self, shown, orientation):
+        a, b, c, d = MATRICES[orientation]
+        info = inspect_video(shown)
+        assert info.orientation == orientation
+        assert info.mirrored == (a * d - b * c < 0)
+
+    @pytest.mark.parametrize("orientation", MATRICES)
+    def test_turning_has_an_inverse(self, orientation):
+        upright = make_upright(CORNERS, orientation)
+        np.testing.assert_array_equal(as_stored(upright, orientation), CORNERS)
+
+
+class TestSquarePixels:
     """Anamorphic video of DV and HDV cameras: a square in the world is one in the
     image. 9:1 is nonsense.
     """
-    path = make_video(
-        tmp_path / "a.mp4", 5, header={"sample_aspect_ratio": Fraction(*aspect)}
+
+    SIZES = pytest.mark.parametrize(
+        ("aspect", "orientation", "size"),
+        [
+            ((16, 11), 1, (233, 96)),
+            ((8, 9), 1, (160, 108)),
+            ((4, 3), 6, (96, 213)),
+            ((9, 1), 1, SIZE),
+        ],
     )
-    if degrees:
-        set_rotation(path, tmp_path / "b.mp4", degrees)
-        path = tmp_path / "b.mp4"
-    info = inspect_video(path)
-    assert (info.width, info.height) == size
-    assert {image.shape[1::-1] for image in read_video(path)} == {size}
-    written = process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
-    assert (written.width, written.height) == (
-        size[0] + size[0] % 2,
-        size[1] + size[1] % 2,
-    )
-    image, shown = (
-        [*read_video(file)][-1].astype(int) for file in (path, tmp_path / "out.mp4")
-    )
-    repeated = np.pad(image, ((0, size[1] % 2), (0, size[0] % 2), (0, 0)), "edge")
-    assert np.abs(shown - repeated).max() < 100
+
+    @pytest.fixture
+    def anamorphic(self, tmp_path, aspect, orientation) -> Path:
+        header = {"sample_aspect_ratio": Fraction(*aspect)}
+        path = make_video(tmp_path / "a.mp4", 5, header=header)
+        if orientation == 1:
+            return path
+        set_matrix(path, tmp_path / "b.mp4", *MATRICES[orientation])
+        return tmp_path / "b.mp4"
+
+    @SIZES
+    def test_images_have_them(self, anamorphic, size):
+        info = inspect_video(anamorphic)
+        assert (info.width, info.height) == size
+        assert {image.shape[1::-1] for image in read_video(anamorphic)} == {size}
+
+    @SIZES
+    def test_the_written_video_has_them_and_an_even_size(
+        self, anamorphic, size, tmp_path
+    ):
+        out = tmp_path / "out.mp4"
+        width, height = size
+        padding = ((0, height % 2), (0, width % 2), (0, 0))
+
+        written = process_video(anamorphic, out, unchanged, progress=False)
+
+        assert written.width == width + width % 2
+        assert written.height == height + height % 2
+        *_, image = read_video(anamorphic)
+        *_, shown = read_video(out)
+        padded = np.pad(image.astype(int), padding, "edge")
+        assert np.abs(shown - padded).max() < 100
 
 
 @pytest.mark.parametrize(
@@ -202,86 +283,94 @@ def test_colours_that_cannot_be_converted_are_named(tmp_path, matrix, name):
     fault and remedy.
     """
     path = tmp_path / "a.mp4"
-    encode(
-        path, map(numbered, range(5)), options={"x264-params": f"colormatrix={name}"}
-    )
+    options = {"x264-params": f"colormatrix={name}"}
+    encode(path, map(numbered, range(5)), options=options)
     assert inspect_video(path).frames == 5
     try:
-        assert [number_of(image) for image in read_video(path)] == list(range(5))
+        assert numbers_in(path) == list(range(5))
     except VideoError as error:
-        assert str(error).startswith(
-            f"{path}: its colours cannot be converted to RGB (matrix {matrix} of "
-        )
+        fault = f"its colours cannot be converted to RGB (matrix {matrix} of "
+        assert str(error).startswith(f"{path}: {fault}")
         assert str(error).endswith("export it with the colours of BT.709.")
 
 
-@pytest.mark.parametrize(
-    ("suffix", "fps"),
-    [("mp4", 25), ("mkv", NTSC), ("ts", 25), ("mpg", 25), ("h264", 25)],
-)
-def test_a_part_begins_where_it_should(tmp_path, suffix, fps):
-    """Also where a seek ends too late or is not possible, and where the container has
-    no presentation times.
+class TestContainers:
+    """Also those where a seek ends too late or is not possible, and those without
+    presentation times.
     """
-    options = {} if suffix == "mpg" else {"preset": "veryfast", "g": "100", "bf": "2"}
-    codec = "mpeg2video" if suffix == "mpg" else "libx264"
-    sound = "aac" if suffix == "mkv" else None
-    path = encode(
-        tmp_path / f"a.{suffix}",
-        map(numbered, range(100)),
-        codec,
-        options=options,
-        fps=fps,
-        sound=sound,
+
+    OF_EACH = pytest.mark.parametrize(
+        ("suffix", "fps"),
+        [("mp4", 25), ("mkv", NTSC), ("ts", 25), ("mpg", 25), ("h264", 25)],
     )
-    info = inspect_video(path)
-    assert (info.width, info.height, info.frames, info.missing) == (160, 96, 100, 0)
-    assert info.has_audio == bool(sound)
-    assert info.fps == pytest.approx(float(fps), abs=1e-3)
-    assert info.duration_s == pytest.approx(100 / float(fps), abs=1e-3)
-    for first, end in ((0, 25), (33, 100), (88, 100)):
-        start_s = (first - 0.5) / float(fps) if first else 0.0
+
+    @pytest.fixture
+    def path(self, tmp_path, suffix, fps) -> Path:
+        """100 frames; that in Matroska has sound."""
+        codec = "libx264"
+        options = {"preset": "veryfast", "g": "100", "bf": "2"}
+        if suffix == "mpg":
+            codec = "mpeg2video"
+            options = {}
+        return encode(
+            tmp_path / f"a.{suffix}",
+            map(numbered, range(100)),
+            codec,
+            options=options,
+            fps=fps,
+            sound="aac" if suffix == "mkv" else None,
+        )
+
+    @OF_EACH
+    def test_the_properties_are_known(self, path, suffix, fps):
+        info = inspect_video(path)
+        assert (info.width, info.height) == (160, 96)
+        assert (info.frames, info.missing) == (100, 0)
+        assert info.has_audio == (suffix == "mkv")
+        assert info.fps == pytest.approx(float(fps), abs=1e-3)
+        assert info.duration_s == pytest.approx(100 / float(fps), abs=1e-3)
+
+    @OF_EACH
+    @pytest.mark.parametrize(("first", "end"), [(0, 25), (33, 100), (88, 100)])
+    def test_a_part_begins_where_it_should(self, path, fps, first, end):
+        start_s = max(first - 0.5, 0) / float(fps)
         end_s = (end - 0.5) / float(fps)
         found = list(read_timed_frames(path, start_s=start_s, end_s=end_s))
-        assert (
-            [number_of(f.image) for f in found]
-            == [f.number for f in found]
-            == list(range(first, end))
-        )
-        np.testing.assert_allclose(
-            [f.time_s for f in found], np.arange(first, end) / float(fps), atol=1e-3
-        )
+        expected = list(range(first, end))
+        assert [number_of(frame.image) for frame in found] == expected
+        assert [frame.number for frame in found] == expected
+        times_s = [frame.time_s for frame in found]
+        np.testing.assert_allclose(times_s, np.array(expected) / float(fps), atol=1e-3)
 
 
-@pytest.mark.parametrize("shift", ["earlier", "later"])
-def test_a_cut_without_encoding_lacks_nothing(video, tmp_path, shift):
+@pytest.mark.parametrize(
+    ("name", "shift_s", "first"),
+    [("clip.mp4", Fraction(-5, 25), 5), ("late.mkv", Fraction(5), 0)],
+)
+def test_a_cut_without_encoding_lacks_nothing(video, tmp_path, name, shift_s, first):
     """It keeps the frames from the key frame before, which are not shown; nor does a
     late begin mean a loss.
     """
-    path = tmp_path / ("clip.mp4" if shift == "earlier" else "late.mkv")
+    path = tmp_path / name
     with av.open(str(video)) as source, av.open(str(path), "w") as target:
         output = target.add_stream_from_template(source.streams.video[0])
         for packet in source.demux(video=0):
             if packet.size:
-                ticks = round(
-                    (Fraction(-5, 25) if shift == "earlier" else 5) / packet.time_base
-                )
-                packet.pts, packet.dts, packet.stream = (
-                    packet.pts + ticks,
-                    packet.dts + ticks,
-                    output,
-                )
+                ticks = round(shift_s / packet.time_base)
+                packet.pts += ticks
+                packet.dts += ticks
+                packet.stream = output
                 target.mux(packet)
-    first = 5 if shift == "earlier" else 0
     info = inspect_video(path)
     assert (info.frames, info.missing) == (50 - first, 0)
-    assert [number_of(frame) for frame in read_video(path)] == list(range(first, 50))
+    assert numbers_in(path) == list(range(first, 50))
 
 
 # Playlists, huge sizes, cut off files, changing sizes.
 
 PLAYLISTS = {
-    "dash": '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period><BaseURL>drive.mp4</BaseURL></Period></MPD>',
+    "dash": '<MPD xmlns="urn:mpeg:dash:schema:mpd:2011"><Period>'
+    "<BaseURL>drive.mp4</BaseURL></Period></MPD>",
     "sdp": "v=0\nc=IN IP4 127.0.0.1\nm=video 5004 RTP/AVP 96\na=rtpmap:96 H264/90000\n",
     "concat": "ffconcat version 1.0\nfile drive.mp4\n",
     "hls": "#EXTM3U\n#EXT-X-TARGETDURATION:2\n#EXTINF:2,\ndrive.mp4\n#EXT-X-ENDLIST\n",
@@ -294,9 +383,8 @@ def test_playlists_are_refused(video, tmp_path, kind):
     (tmp_path / "drive.mp4").write_bytes(video.read_bytes())
     path = tmp_path / "list.mp4"
     path.write_text(PLAYLISTS[kind])
-    with pytest.raises(
-        VideoError, match=r"list\.mp4: cannot be read as a video .*playlist"
-    ):
+    words = r"list\.mp4: cannot be read as a video .*playlist"
+    with pytest.raises(VideoError, match=words):
         open_video(path)
 
 
@@ -314,101 +402,118 @@ def test_a_huge_size_inside_a_video_is_damage(tmp_path):
     assert inspect_video(path).frames == 10
 
 
-def test_a_huge_size_in_the_header_is_refused(video, tmp_path, monkeypatch):
+def test_a_huge_size_in_the_header_is_refused(video, monkeypatch):
     monkeypatch.setattr(reader, "MAX_PIXELS", 160 * 96 - 1)
-    with pytest.raises(
-        VideoError, match=r"drive\.mp4: .*(cannot be read as a video|can be decoded)"
-    ):
+    words = r"drive\.mp4: .*(cannot be read as a video|can be decoded)"
+    with pytest.raises(VideoError, match=words):
         inspect_video(video)
-    assert 7680 * 4320 < MAX_PIXELS <= 128_000_000  # as docs/robustness.md says
 
 
-@pytest.mark.parametrize("suffix", ["mp4", "mkv"])
-def test_damaged_frames_are_counted_by_time_stamps(tmp_path, suffix):
-    """The remaining frames keep their numbers and times, whether packets are damaged or
-    missing.
-    """
-    path = make_video(tmp_path / f"drive.{suffix}", 100, size=(320, 192))
-    data = bytearray(path.read_bytes())
-    noise = np.random.default_rng(1)
-    # Matroska finds no way back in after the second time.
-    for share in (0.4,) if suffix == "mkv" else (0.3, 0.45, 0.55, 0.7):
-        at = int(share * len(data))
-        data[at : at + 1500] = noise.integers(0, 256, 1500, np.uint8).tobytes()
-    path.write_bytes(data)
-    info = inspect_video(path)
-    frames = list(read_timed_frames(path))
-    assert 30 <= len(frames) <= 96
-    assert info.frames + info.missing == 100
-    assert [frame.number for frame in frames] == sorted(
-        {frame.number for frame in frames}
-    )
-    np.testing.assert_allclose(
-        [f.time_s for f in frames], [f.number / 25 for f in frames], atol=1e-3
-    )
-    assert info.duration_s == pytest.approx(4, abs=0.05)
-    assert number_of(frames[5].image) == 5
+def test_the_largest_size_is_that_of_the_documentation():
+    """docs/robustness.md."""
+    assert 7680 * 4320 < MAX_PIXELS <= 128_000_000
 
 
-@pytest.mark.parametrize("suffix", ["mkv", "avi", "mp4"])
-def test_cut_off_files_are_read_up_to_there(tmp_path, suffix):
-    """Only these store their length, so that the missing frames are counted; of an mp4
-    the index must come first.
-    """
-    path = make_video(tmp_path / f"drive.{suffix}", 250)
-    if suffix == "mp4":
-        with pytest.raises(VideoError, match=r"half\.mp4: .*(cut off|no frame)"):
-            inspect_video(cut(path, 0.5, tmp_path / "half.mp4"))
-        process_video(path, tmp_path / "fast.mp4", unchanged, progress=False)
-        path = tmp_path / "fast.mp4"
-    half = cut(path, 0.6, tmp_path / f"cut.{suffix}")
-    info = inspect_video(half)
-    numbers = [number_of(image) for image in read_video(half)]
-    # The packet at the cut, and those that refer to it, may be incomplete.
-    assert info.frames - 4 <= len(numbers) <= info.frames
-    assert numbers == list(range(len(numbers)))
-    assert info.frames + info.missing == 250
-    assert 0.3 < len(numbers) / 250 < 0.72
-    assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
-    for end_s in (None, 99.0):
-        written = process_video(
-            half, tmp_path / "out.mp4", unchanged, end_s=end_s, progress=False
-        )
-        assert written.missing == 250 - len(numbers)
+class TestDamagedFrames:
+    """Packets are damaged or missing."""
+
+    @pytest.fixture(params=["mp4", "mkv"])
+    def damaged(self, request, tmp_path) -> Path:
+        path = make_video(tmp_path / f"drive.{request.param}", 100, size=(320, 192))
+        data = bytearray(path.read_bytes())
+        noise = np.random.default_rng(1)
+        shares = (0.3, 0.45, 0.55, 0.7)
+        if request.param == "mkv":  # finds no way back in after the second time
+            shares = (0.4,)
+        for share in shares:
+            at = int(share * len(data))
+            data[at : at + 1500] = noise.integers(0, 256, 1500, np.uint8).tobytes()
+        path.write_bytes(data)
+        return path
+
+    def test_are_counted_by_time_stamps(self, damaged):
+        info = inspect_video(damaged)
+        assert info.frames + info.missing == 100
+        assert info.duration_s == pytest.approx(4, abs=0.05)
+
+    def test_the_others_are_read_once_and_in_order(self, damaged):
+        numbers = [frame.number for frame in read_timed_frames(damaged)]
+        assert 30 <= len(numbers) <= 96
+        assert numbers == sorted(set(numbers))
+
+    def test_the_others_keep_their_numbers_and_times(self, damaged):
+        frames = list(read_timed_frames(damaged))
+        assert number_of(frames[5].image) == 5
+        times_s = [frame.time_s for frame in frames]
+        expected_s = [frame.number / 25 for frame in frames]
+        np.testing.assert_allclose(times_s, expected_s, atol=1e-3)
 
 
-def cut(path, share: float, target):
+def cut(path: Path, share: float, target: Path) -> Path:
     data = path.read_bytes()
     target.write_bytes(data[: int(share * len(data))])
     return target
 
 
+class TestCutOff:
+    """Only these store their length, so that the missing frames are counted; of an mp4
+    the index must come first.
+    """
+
+    @pytest.fixture(params=["mkv", "avi", "mp4"])
+    def cut_off(self, request, tmp_path) -> Path:
+        path = make_video(tmp_path / f"drive.{request.param}", 250)
+        if request.param == "mp4":
+            process_video(path, tmp_path / "fast.mp4", unchanged, progress=False)
+            path = tmp_path / "fast.mp4"
+        return cut(path, 0.6, tmp_path / f"cut.{request.param}")
+
+    def test_frames_are_read_up_to_there(self, cut_off):
+        """The packet at the cut, and those that refer to it, may be incomplete."""
+        numbers = numbers_in(cut_off)
+        frames = inspect_video(cut_off).frames
+        assert numbers == list(range(len(numbers)))
+        assert frames - 4 <= len(numbers) <= frames
+        assert 0.3 < len(numbers) / 250 < 0.72
+
+    def test_the_others_are_counted(self, cut_off):
+        info = inspect_video(cut_off)
+        assert info.frames + info.missing == 250
+        assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
+
+    @pytest.mark.parametrize("end_s", [None, 99.0])
+    def test_the_written_video_counts_them_too(self, cut_off, tmp_path, end_s):
+        out = tmp_path / "out.mp4"
+        written = process_video(cut_off, out, unchanged, end_s=end_s, progress=False)
+        assert written.missing == 250 - len(numbers_in(cut_off))
+
+    def test_an_mp4_without_its_index_is_refused(self, tmp_path):
+        path = make_video(tmp_path / "drive.mp4", 250)
+        half = cut(path, 0.5, tmp_path / "half.mp4")
+        with pytest.raises(VideoError, match=r"half\.mp4: .*(cut off|no frame)"):
+            inspect_video(half)
+
+
 def test_a_change_of_size_is_reported_with_its_time(tmp_path):
-    parts = [
-        make_video(tmp_path / f"{n}.ts", 25, size=size)
-        for n, size in enumerate([(160, 96), (320, 192)])
-    ]
+    small = make_video(tmp_path / "small.ts", 25, size=(160, 96))
+    large = make_video(tmp_path / "large.ts", 25, size=(320, 192))
     path = tmp_path / "both.ts"
-    path.write_bytes(b"".join(part.read_bytes() for part in parts))
+    path.write_bytes(small.read_bytes() + large.read_bytes())
     seen = []
-    with pytest.raises(
-        VideoError,
-        match=r"both\.ts: changes from 160x96 to 320x192 pixels at 0\.96 s; cut it there",
-    ):
-        process_video(
-            path,
-            tmp_path / "out.mp4",
-            lambda f: seen.append(number_of(f)) or f,
-            progress=False,
-        )
+
+    def note(image: np.ndarray) -> np.ndarray:
+        seen.append(number_of(image))
+        return image
+
+    change = "changes from 160x96 to 320x192 pixels at 0.96 s; cut it there"
+    with pytest.raises(VideoError, match=f"both.ts: {change}"):
+        process_video(path, tmp_path / "out.mp4", note, progress=False)
     assert seen == list(range(25))
 
 
 @pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
 def test_impossible_frame_rates_are_refused(tmp_path, fps):
-    path = tmp_path / "odd.mp4"
-    make_video(path, 3, fps=fps)
-    with pytest.raises(
-        VideoError, match=r"odd\.mp4: states an implausible .* frames per second"
-    ):
+    path = make_video(tmp_path / "odd.mp4", 3, fps=fps)
+    words = r"odd\.mp4: states an implausible .* frames per second"
+    with pytest.raises(VideoError, match=words):
         inspect_video(path)
