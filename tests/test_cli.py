@@ -95,9 +95,7 @@ class TestAnnotate:
         frame = read_telemetry(part.folder / "drive.csv")["frame"]
         np.testing.assert_array_equal(frame, np.arange(10, 18))
 
-    def test_prints_the_estimated_pose_with_its_standard_deviations(
-        self, part
-    ):
+    def test_prints_the_estimated_pose_with_its_standard_deviations(self, part):
         height = re.search(r"height +([\d.]+) ± [\d.]+ m", part.out)[1]
         assert float(height) == pytest.approx(SMALL.pose.height_m, abs=0.15)
 
@@ -127,18 +125,14 @@ class TestAnnotateAfterAFailure:
     def test_the_other_sources_are_written(self, after_failure):
         of_drive = {"drive.mp4", "drive.csv", "drive.html"}
         of_stills = {"still0.png", "still1.png", "still2.png", "pictures.csv"}
-        assert names(after_failure.folder) == of_drive | of_stills | {
-            "text.mp4"
-        }
+        assert names(after_failure.folder) == of_drive | of_stills | {"text.mp4"}
         assert inspect_video(after_failure.folder / "drive.mp4").frames == 5
 
     def test_the_stills_are_drawn_on(self, after_failure, drive):
         drawn = read_image(after_failure.folder / "still0.png")
         assert (drawn != read_image(drive / "stills" / "still0.png")).any()
 
-    def test_an_earlier_result_of_the_failed_source_is_kept(
-        self, after_failure
-    ):
+    def test_an_earlier_result_of_the_failed_source_is_kept(self, after_failure):
         assert (after_failure.folder / "text.mp4").read_text() == "earlier"
 
 
