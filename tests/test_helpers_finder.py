@@ -1,6 +1,6 @@
 """The three recipes on painted roads with ground truth, and the defects mended."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from functools import cache
 
 import cv2
@@ -11,6 +11,8 @@ from pytest import approx
 from helpers import (
     RECIPES,
     LaneFinder,
+    Line,
+    Recipe,
     RoadLine,
     Thresholds,
     calibrate,
@@ -470,3 +472,52 @@ def test_recipe_a_gives_its_published_numbers():
     assert 1 / result.left_road.curvature_per_m() == approx(-724.0, rel=0.1)
     assert 1 / result.right_road.curvature_per_m() == approx(-1613.9, rel=0.1)
     assert result.offset_m == approx(-0.170, rel=0.1)
+
+
+# A setting of a recipe, and another value of it, which changes what is found.
+SETTINGS = [
+    ("hls_sobel", "source_px", ((570, 460), (750, 460), (1100, 670), (270, 670))),
+    ("hls_sobel", "destination_px", ((300, 0), (980, 0), (980, 720), (300, 720))),
+    ("hls_sobel", "thresholds", RECIPES["equalized_hsv"].thresholds),
+    ("hls_sobel", "video_thresholds", RECIPES["equalized_hsv"].thresholds),
+    ("hls_sobel", "margin_px", 20),
+    ("hls_sobel", "still_band_px", 5),
+    ("hls_sobel", "left_line", Line(1)),
+    ("hls_sobel", "right_line", Line(1)),
+    ("hls_sobel", "warp_first", False),
+    ("hls_sobel", "recentre_pixels", 100_000),
+    ("hls_sobel", "min_span_px", 721),
+    ("hls_sobel", "search_together", False),
+    ("equalized_hsv", "histogram_rows_px", (0, 100)),
+    ("equalized_hsv", "measured_fits", None),
+    ("best_channel", "flood_pixels", 10),
+    ("best_channel", "first_binaries", ("red", "gradients")),
+    ("best_channel", "unknown_binaries", ("red", "hue")),
+]
+
+
+def results_with(recipe: Recipe) -> list:
+    """Of a still, and of a drive whose right line comes, fades and comes back."""
+    still = LaneFinder(recipe, LENS, TO_ROAD).find(picture(LEFT_BEND))
+    drive = LaneFinder(recipe, LENS, TO_ROAD)
+    roads = (HALF_LANE, LEFT_BEND, STRAIGHT, HALF_LANE, HALF_LANE, DASHED)
+    results = [still, *[drive.follow(picture(road)) for road in roads]]
+    return [summary(result) for result in results]
+
+
+@cache
+def usual_results(name: str) -> list:
+    return results_with(RECIPES[name])
+
+
+@parametrize(("name", "setting", "value"), SETTINGS, ids=str)
+def test_each_setting_of_a_recipe_changes_a_result(name, setting, value):
+    recipe = RECIPES[name]
+    other = replace(recipe, **{setting: value})
+    assert results_with(other) != usual_results(name)
+
+
+def test_no_setting_of_a_recipe_is_forgotten():
+    """But its name and its size, which is tested with half-size pictures."""
+    tested = {setting for _, setting, _ in SETTINGS}
+    assert {one.name for one in fields(Recipe)} - tested == {"name", "size"}
