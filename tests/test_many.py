@@ -12,6 +12,7 @@ import pickle
 import re
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -25,6 +26,7 @@ import numpy as np
 import psutil
 import pytest
 
+import lanes
 from lanes.annotation import DriveSettings
 from lanes.camera.field_of_view import GIVEN, FieldOfView
 from lanes.detect.markings import load_markings
@@ -339,6 +341,30 @@ def test_a_worker_with_other_versions_is_reported(video, tmp_path):
     words = r"the worker on \S+ has OpenCV 5\S+, so that its results would differ"
     assert re.search(words, str(run_job(other)))
     assert not (tmp_path / "drive0.mp4").exists()
+
+
+def test_a_worker_with_another_code_is_reported(video, tmp_path):
+    """Of a release that has the same version but for one line."""
+    package = tmp_path / "other" / "lanes"
+    shutil.copytree(Path(lanes.__file__).parent, package)
+    with (package / "tracking" / "filter.py").open("a") as code:
+        code.write("# changed\n")
+    job = tmp_path / "job"
+    job.write_bytes(pickle.dumps(job_for(video, tmp_path)))
+    worker = (
+        "import pathlib, pickle; from lanes.many import run_job; "
+        f"print(run_job(pickle.loads(pathlib.Path({str(job)!r}).read_bytes())))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", worker],
+        cwd=package.parent,
+        env={**os.environ, "PYTHONPATH": str(package.parent)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    words = r"the worker on \S+ has lanes \w+, so that its results would differ"
+    assert re.search(words, done.stdout)
 
 
 def test_a_worker_on_another_disk_is_reported(video, tmp_path):

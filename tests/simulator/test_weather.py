@@ -12,13 +12,14 @@ import pytest
 from simulator.light.lens import AutoExposure, road_luminance
 from simulator.objects.scene_objects import shadow_polygons
 from simulator.objects.standing import Post
+from simulator.objects.vehicles import Car
 from simulator.objects.walls import Overpass
 from simulator.rendering.drive import Drive, Motion
 from simulator.rendering.render import Frame, render_frame
 from simulator.road.surface import Zone
 from simulator.road.truth import truth_row
 from simulator.scenes.freeway import Freeway
-from simulator.weather import Fog, Night
+from simulator.weather import Fog, Night, find_lamps
 from tests.simulator.small_drive import largest_difference, small_drive
 
 BRIDGE = Overpass(110.0, 126.0, -20.0, 12.0, skew=0.1)
@@ -173,3 +174,23 @@ def test_rain_hides_no_object(clear, rainy):
 
 def test_rain_does_not_change_the_truth(clear, rainy):
     assert truth_row(rainy.truth, frame=0) == truth_row(clear.truth, frame=0)
+
+
+@pytest.mark.parametrize("body", ["sedan", "suv", "truck"])
+class TestLampsAtNight:
+    """Of a vehicle 30 m ahead: two lamps; (red, green, blue) of their light."""
+
+    def lights_of(self, body: str, heading_rad: float) -> np.ndarray:
+        car = Car(x_m=30.0, y_m=2.0, body=body, heading_rad=heading_rad)
+        lamps = find_lamps([car])
+        assert len(lamps) == 2
+        return np.array([lamp.light for lamp in lamps])
+
+    def test_a_vehicle_that_drives_ahead_shows_red_lamps(self, body):
+        red, green, blue = self.lights_of(body, 0.0).T
+        assert (red > 10 * np.maximum(green, blue)).all()
+
+    def test_an_oncoming_vehicle_shows_brighter_white_lamps(self, body):
+        ahead = self.lights_of(body, 0.0)
+        oncoming = self.lights_of(body, np.pi)
+        assert (oncoming.min(axis=1) > 2 * ahead.max(axis=1)).all()

@@ -129,6 +129,15 @@ def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
 
 
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_bend_of_24_m_is_driven_with_12_m_per_s_at_most(side):
+    """6 m/s^2 across, which cars do not exceed, although 20 m/s was predicted."""
+    predicted = state_with(speed=20.0)
+    lane = predicted.lane.copy()
+    lane[CURVATURE] = side / 24
+    assert update(predicted, lane, COVARIANCE).mean[SPEED] == pytest.approx(12.0)
+
+
 def test_update_equals_the_textbook_kalman_update():
     """Against the textbook's formula, with a measurement of the centre alone."""
     estimate = predict(state_with(), 0.2)
