@@ -1,9 +1,12 @@
-"""Limits of what a camera records: size of an image, frame rate, clock.
+"""Limits of what a camera records (size of an image, frame rate, clock), and the frame
+rate by time stamps.
 
 They hold for images, video files and robot logs alike.
 """
 
 from fractions import Fraction
+
+import numpy as np
 
 # Four times an 8K video's. A header can claim 4,000 million. Pillow refuses images of
 # more than 179 million.
@@ -15,3 +18,24 @@ CLOCK_RESET_S = 0.25
 # The rate varies if more than this share of the frames follow sooner than this, in
 # frames of a constant rate.
 MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
+# More frames of the usual rate than this are not missing in a hole: another recording
+# begins behind it.
+JUMP_FRAMES = 1500
+
+
+def usual_rate(steps_s: np.ndarray) -> float:
+    """Frames per second between gaps, by the steps (N,) from one time stamp to the
+    next; 0 without any.
+    """
+    known_s = steps_s[steps_s > 0]
+    if not len(known_s):
+        return 0.0
+    step_s = known_s[known_s < 1.5 * np.median(known_s)].mean()
+
+    # Time stamps may be rounded to a millisecond: at a constant rate the whole length
+    # is more exact than the steps.
+    frames = np.rint(known_s / step_s)
+    counted = frames <= JUMP_FRAMES
+    rate = frames[counted].sum() / known_s[counted].sum()
+    is_constant = abs(rate * step_s - 1) < 0.01
+    return float(rate if is_constant else 1 / step_s)

@@ -17,7 +17,14 @@ import numpy as np
 
 from lanes.errors import VideoError
 from lanes.files import require_file
-from lanes.recording import CLOCK_RESET_S, MAX_FPS, MAX_SHORT_SHARE, MIN_FPS, MIN_STEP
+from lanes.recording import (
+    CLOCK_RESET_S,
+    MAX_FPS,
+    MAX_SHORT_SHARE,
+    MIN_FPS,
+    MIN_STEP,
+    usual_rate,
+)
 from lanes.ros.log_files import LogReader, Topic, file_of_log, open_log
 from lanes.ros.log_images import (
     count_bits,
@@ -295,7 +302,7 @@ def _make_timeline(stamps_ns: np.ndarray) -> _Timeline:
     times_s = np.append(0, np.cumsum(steps_s))
 
     # at a constant rate a long step skips images, but not at a jump
-    fps = _usual_rate(steps_s)
+    fps = round(usual_rate(steps_s), 6)
     frames = steps_s * fps
     short = np.count_nonzero(frames < MIN_STEP)
     is_constant = short <= MAX_SHORT_SHARE * len(frames)
@@ -303,15 +310,6 @@ def _make_timeline(stamps_ns: np.ndarray) -> _Timeline:
     advance = np.where(is_constant & ~is_jump, whole_frames, 1)
     numbers = np.append(0, np.cumsum(advance)).astype(int)
     return _Timeline(fps, times_s, numbers, jumps_s)
-
-
-def _usual_rate(steps_s: np.ndarray) -> float:
-    """Images per second between gaps."""
-    known_s = steps_s[steps_s > 0]
-    if not len(known_s):
-        return 0.0
-    usual_s = known_s[known_s < 1.5 * np.median(known_s)]
-    return round(float(1 / np.mean(usual_s)), 6)
 
 
 def _describe_times(outliers: int, jumps_s: np.ndarray) -> str:

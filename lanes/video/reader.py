@@ -31,11 +31,13 @@ from lanes.errors import VideoError, require_number
 from lanes.files import require_file
 from lanes.recording import (
     CLOCK_RESET_S,
+    JUMP_FRAMES,
     MAX_FPS,
     MAX_PIXELS,
     MAX_SHORT_SHARE,
     MIN_FPS,
     MIN_STEP,
+    usual_rate,
 )
 from lanes.ros.log_files import is_robot_log
 from lanes.ros.robot_log import index_log, read_log
@@ -55,13 +57,12 @@ _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 # A larger step forward is a clock that was set, as by the first report of an RTP
 # stream, which is since the year 1900.
 CLOCK_SET_S = 86_400.0
-# More frames of the usual rate than this are not missing in a hole: another recording
-# begins behind it.
-JUMP_FRAMES = 1500
 _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit
 # counts as equal.
 STAMP_TOLERANCE_S = 1e-3
+# No codec reorders frames over a longer time.
+_REORDERED_S = 1.0
 # Frames that wait between two threads. One would be enough if every step took constant
 # time.
 QUEUE_SIZE = 3
@@ -102,17 +103,17 @@ class VideoInfo:
 class VideoIndex:
     """What one pass over the packets of a video says.
 
-    `rate` is in frames per second; `constant_rate` says whether that is also the rate
-    of the steps. `start_s` is the presentation time of the first frame on the
-    container's clock; it may be damaged. `stamps` (N,) are those of the frames that are
-    shown, sorted.
+    `rate` is in frames per second, between gaps; `constant_rate` says whether frame n
+    is at n / `rate`. `start_s` is the presentation time of the first frame on the
+    container's clock; it may be damaged. `times_s` (N,) are those of the frames since
+    then, sorted; empty if some frames have no time stamp.
     """
 
     info: VideoInfo
     rate: Fraction
     constant_rate: bool
     start_s: Fraction
-    stamps: np.ndarray
+    times_s: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,17 +175,17 @@ def open_video(path: str | Path) -> InputContainer:
 
 
 def decode_frames(
-    container: InputContainer, stream: av.VideoStream
+    container: InputContainer, stream: av.VideoStream, rate: Fraction
 ) -> Iterator[av.VideoFrame]:
-    """The undamaged frames of a video stream in order."""
-    placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
+    """The undamaged frames of a video stream in order; `rate` is that of its index."""
+    placed = _are_placed(container)
     last_pts = None
     for packet in read_packets(container, stream):
         for frame in decode_packet(packet):
             if placed:
                 # the last frames are completed by the end of the file
                 if frame.dts is None and last_pts is not None:
-                    frame.pts = last_pts + _ticks_per_frame(stream)
+                    frame.pts = last_pts + round(1 / (rate * frame.time_base))
                 else:
                     frame.pts = frame.dts
                 last_pts = frame.pts
@@ -192,12 +193,9 @@ def decode_frames(
                 yield frame
 
 
-def _ticks_per_frame(stream: av.VideoStream) -> int:
-    rate = stream.average_rate or stream.guessed_rate
-    tick = stream.time_base
-    if not rate or not tick:
-        return 1
-    return max(round(1 / (rate * tick)), 1)
+def _are_placed(container: InputContainer) -> bool:
+    """Whether the place of a packet in the file is the time of a frame."""
+    return container.format.name in _WITHOUT_PRESENTATION_TIMES
 
 
 def frame_orientation(frame: av.VideoFrame) -> int:
@@ -243,38 +241,39 @@ def read_packets(
             ) from error
 
 
-def index_video(path: str | Path, *, whole: bool = True) -> VideoIndex:
+def index_video(path: str | Path) -> VideoIndex:
     """The index of a video, made once for calls in a row; one frame is decoded.
 
-    If not the `whole` file is needed, it is read up to the first frame, unless its rate
-    includes jumps in time: `info` and `stamps` are those of the packets up to there. A
-    file that was cut off has its frames up to there. Raises FileNotFoundError, or
+    A file that was cut off has its frames up to there. Raises FileNotFoundError, or
     VideoError if the file is empty, not a video, without frames, or without a usable
     frame rate.
     """
     file = require_file(path, "video", error=VideoError)
     status = file.stat()
-    return _index_video(str(path), whole, status.st_mtime_ns, status.st_size)
+    return _index_video(str(path), status.st_mtime_ns, status.st_size)
 
 
 @lru_cache(maxsize=16)
-def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
+def _index_video(path: str, *version: int) -> VideoIndex:
     with open_video(path) as container:
         stream = container.streams.video[0]
-        packets = _scan_packets(container, whole)
+        packets = _scan_packets(container)
         first = packets.first
         if first is None:
             raise VideoError(f"{path}: {_NOT_DECODED}")
 
-        shown_pts = [pts for pts, _ in packets.shown]
-        stamps = np.sort([pts for pts in shown_pts if pts is not None])
-        rate = _frame_rate(stream, stamps, path)
-        constant = False
-        if stream.guessed_rate is not None:
-            # average rate and base rate differ by less than 2 %
-            constant = abs(stream.guessed_rate / rate - 1) < 0.02
-        length_s, gaps = _measure_stamps(shown_pts, rate, stream.time_base, constant)
-        not_stored = stream.frames - packets.stored
+        tick = stream.time_base or Fraction(0)
+        start = _start(packets, stream)
+        known = [stamp - start for stamp in packets.stamps if stamp is not None]
+        times_s = np.array(known) * float(tick)
+        steps = _steps_between(times_s, len(packets.stamps))
+        rate = _frame_rate(stream, steps.steps_s, path)
+        drive = _measure_steps(steps, float(rate))
+
+        announced = stream.frames
+        if packets.are_placed and round(1 / (rate * tick)) > 1:
+            announced = 0  # a chunk for each tick, most of them empty
+        not_stored = announced - packets.stored
         cut_off = _count_cut_off(container, rate, packets.end_s)
 
         orientation = frame_orientation(first)
@@ -285,37 +284,39 @@ def _index_video(path: str, whole: bool, *version: int) -> VideoIndex:
             width=width,
             height=height,
             fps=float(rate),
-            frames=len(shown_pts),
-            duration_s=round(length_s, 6),
+            frames=len(packets.stamps),
+            duration_s=round(drive.length_s, 6),
             has_audio=bool(container.streams.audio),
-            missing=max(not_stored, gaps + cut_off),
+            missing=max(not_stored, drive.missing + cut_off),
             orientation=orientation,
         )
-        start_s = _start_s(container, packets.shown[: packets.early], first)
-        return VideoIndex(info, rate, constant, start_s, stamps)
+        shown_s = np.sort(times_s[times_s >= 0])
+        return VideoIndex(info, rate, drive.is_constant, start * tick, shown_s)
 
 
 @dataclass(frozen=True, eq=False)
 class _Packets:
     """The first frame of a video, and what its packets say.
 
-    `shown` has the time stamps of presentation and of decoding of the frames that are
-    shown, the first `early` of them up to the packet that completes the first frame.
-    `stored` frames are in the file. `end_s` is the end of the last packet of any
-    stream.
+    `stamps` has the time of each frame that is shown, in ticks: that of its decoding if
+    the frames `are_placed`, that of its presentation otherwise. The first `early` of
+    them are those up to the packet that completes the first frame. `stored` frames are
+    in the file. `end_s` is the end of the last packet of any stream.
     """
 
     first: av.VideoFrame | None
-    shown: list[tuple[int | None, int | None]]
+    are_placed: bool
+    stamps: list[int | None]
     early: int
     stored: int
     end_s: float
 
 
-def _scan_packets(container: InputContainer, whole: bool) -> _Packets:
+def _scan_packets(container: InputContainer) -> _Packets:
     stream = container.streams.video[0]
+    are_placed = _are_placed(container)
     first = None
-    shown: list[tuple[int | None, int | None]] = []
+    stamps: list[int | None] = []
     early = 0
     stored = 0
     end_s = 0.0
@@ -330,34 +331,25 @@ def _scan_packets(container: InputContainer, whole: bool) -> _Packets:
         # A clip cut without re-encoding begins with frames that are only references for
         # later ones.
         if packet.size and not packet.is_discard:
-            shown.append((packet.pts, packet.dts))
+            stamps.append(packet.dts if are_placed else packet.pts)
         if first is None:
-            early = len(shown)
+            early = len(stamps)
             first = next(decode_packet(packet), None)
-        if first is not None and not whole and not _has_jumps(stream):
-            break
-    return _Packets(first, shown, early, stored, end_s)
+    return _Packets(first, are_placed, stamps, early, stored, end_s)
 
 
-def _start_s(
-    container: InputContainer, packets: Sequence[tuple], first: av.VideoFrame
-) -> Fraction:
-    """Presentation time of the first frame by the stamps of the packets up to that
-    which completes it, seconds.
+def _start(packets: _Packets, stream: av.VideoStream) -> int:
+    """Time stamp of the first frame by those of the packets up to that which completes
+    it.
 
     FFmpeg's own start time is that of the first five seconds, where a video may begin
     later than its sound.
     """
-    stream = container.streams.video[0]
-    placed = container.format.name in _WITHOUT_PRESENTATION_TIMES
-    stamps = [dts if placed else pts for pts, dts in packets if pts is not None]
-    if placed and stream.codec_context.has_b_frames and first.dts is not None:
-        stamps = [first.dts]
-
-    known = [stamp for stamp in stamps if stamp is not None]
-    earliest = min(known, default=0)
-    tick = stream.time_base or Fraction(0)
-    return earliest * tick
+    delayed = packets.are_placed and stream.codec_context.has_b_frames
+    if packets.first and packets.first.dts is not None and delayed:
+        return packets.first.dts
+    early = packets.stamps[: packets.early]
+    return min((stamp for stamp in early if stamp is not None), default=0)
 
 
 def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]:
@@ -372,79 +364,110 @@ def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
     return width, height
 
 
-def _has_jumps(stream: av.VideoStream) -> bool:
-    """Whether the average rate of a stream is so low, less than 0.9 of the base rate,
-    that it may include jumps.
+@dataclass(frozen=True, eq=False)
+class _Steps:
+    """Seconds from one frame to the next (M,) in the order of presentation.
+
+    `frames` are in the file, `outliers` of them without a usable time stamp.
     """
-    rate = stream.average_rate or stream.guessed_rate or MIN_FPS
-    base_rate = stream.guessed_rate or rate
-    return rate < MIN_FPS or rate < 0.9 * float(base_rate)
+
+    steps_s: np.ndarray
+    frames: int
+    outliers: int
 
 
-def _frame_rate(stream: av.VideoStream, stamps: np.ndarray, path: str) -> Fraction:
-    """Frames per second, without jumps in time; raises VideoError if the frame rate is
-    missing or not usable.
+def _steps_between(times_s: np.ndarray, frames: int) -> _Steps:
+    """The steps between the known times (N,) of frames, in the order of the file.
+
+    There is none between two recordings on clocks of their own, and none at all if too
+    many times are not known.
     """
-    rate = stream.average_rate or stream.guessed_rate
-    if not rate:
+    if len(times_s) <= (1 - MAX_SHORT_SHARE) * frames:
+        return _Steps(np.empty(0), frames, 0)
+
+    # no codec reorders 16 frames
+    order = np.argsort(times_s, kind="stable")
+    moved = np.abs(order - np.arange(len(order)))
+    away = moved > 16
+    if away.mean() < MAX_SHORT_SHARE:
+        recordings = [times_s[order][~away]]
+    else:
+        begins = np.flatnonzero(np.diff(times_s) < -_REORDERED_S) + 1
+        recordings = [np.sort(part) for part in np.split(times_s, begins)]
+
+    steps_s = np.concatenate([np.diff(recording) for recording in recordings])
+    stamped = sum(map(len, recordings))
+    return _Steps(steps_s[steps_s <= CLOCK_SET_S], frames, frames - stamped)
+
+
+def _frame_rate(stream: av.VideoStream, steps_s: np.ndarray, path: str) -> Fraction:
+    """Frames per second between gaps by the steps (M,) between frames, as an exact
+    fraction where one fits; as the header states only where no step is known.
+
+    Raises VideoError if the frame rate is missing or not usable.
+    """
+    stated = [rate for rate in (stream.average_rate, stream.guessed_rate) if rate]
+    measured = usual_rate(steps_s)
+    if measured:
+        whole = max(round(measured), 1)
+        usual = [Fraction(whole), Fraction(1000 * whole, 1001)]
+        length_s = steps_s[steps_s * measured <= JUMP_FRAMES].sum()
+        rate = (
+            _fitting_rate(stated, measured, length_s)
+            or _fitting_rate(usual, measured, length_s)
+            or Fraction(measured).limit_denominator(1001)
+        )
+    elif stated:
+        rate = stated[0]
+    else:
         raise VideoError(f"{path}: has no frame rate; convert it to mp4 first.")
-
-    if stream.time_base and len(stamps) > 1 and _has_jumps(stream):
-        steps = np.diff(stamps)
-        usual = steps[steps <= JUMP_FRAMES * np.median(steps)]
-        if len(usual) < len(steps) and usual.any():
-            step_s = float(usual.mean() * stream.time_base)
-            rate = Fraction(1 / step_s).limit_denominator(1001)
 
     if not MIN_FPS <= rate <= MAX_FPS:
         raise VideoError(
-            f"{path}: states an implausible {float(rate):g} frames per second; convert "
-            "it to mp4 first."
+            f"{path}: has an implausible {float(rate):g} frames per second; convert it "
+            "to mp4 first."
         )
     return rate
 
 
-def _measure_stamps(
-    stamps: Sequence[int | None],
-    rate: Fraction,
-    tick: Fraction | None,
-    constant_rate: bool,
-) -> tuple[float, int]:
-    """Length in seconds from the first frame to the end of the last, and number of
-    frames missing in between.
-
-    It is 0 if some packets have no time stamp, or if the rate is not constant. Outliers
-    do not count, nor do the holes between two recordings.
+def _fitting_rate(
+    candidates: Sequence[Fraction], measured: float, length_s: float
+) -> Fraction | None:
+    """The candidate next to the measured rate, if it gives the same number of frames in
+    a length of time.
     """
-    known = [pts for pts in stamps if pts is not None]
-    length_s = float(len(stamps) / rate)
-    if tick is None or not known or len(known) < len(stamps):
-        return length_s, 0
+    nearest = min(candidates, key=lambda rate: abs(rate - measured), default=None)
+    if nearest is None or abs(nearest - measured) * length_s >= 0.5:
+        return None
+    return nearest
 
-    # Places in frames; floats, because thousands of fractions take longer than to read
-    # the file.
-    frames_per_tick = float(tick * rate)
-    order = np.argsort(known, kind="stable")
-    places = np.array(known)[order] * frames_per_tick
-    # no codec reorders 16 frames
-    moved = np.abs(order - np.arange(len(order)))
-    away = moved > 16
-    if away.mean() < MAX_SHORT_SHARE:
-        places = places[~away]
 
-    steps = np.diff(places)
-    steps[steps > CLOCK_SET_S * float(rate)] = 1
-    short = (steps < MIN_STEP).sum()
-    if not constant_rate or short > MAX_SHORT_SHARE * len(steps):
-        if (steps > JUMP_FRAMES).any():
-            length_s = float((steps.sum() + 1) / rate)
-        return length_s, 0
+@dataclass(frozen=True)
+class _Drive:
+    """Whether frame n is at n / rate, seconds from the first frame to the end of the
+    last, and the number of frames missing in between: none if the rate varies.
+    """
 
-    gaps = np.maximum(np.rint(steps) - 1, 0)
-    length = len(places) + int(gaps.sum())
-    outliers = len(known) - len(places)
-    missing = max(count_missing(gaps) - outliers, 0)
-    return float(length / rate), missing
+    is_constant: bool
+    length_s: float
+    missing: int
+
+
+def _measure_steps(steps: _Steps, rate: float) -> _Drive:
+    places = steps.steps_s * rate
+    whole = np.rint(places)
+    # The rate varies if many steps are shorter or longer than a frame, or many frames
+    # leave their places.
+    odd = (places < MIN_STEP) | (whole > 1)
+    left = np.abs(np.cumsum(places - whole)) > 0.5
+    is_constant = max(odd.sum(), left.sum()) <= MAX_SHORT_SHARE * len(places)
+
+    # a step for each frame, those without a known step have the usual one
+    unknown = steps.frames - steps.outliers - len(places)
+    if not is_constant:
+        return _Drive(False, steps.steps_s.sum() + unknown / rate, 0)
+    missing = count_missing(np.maximum(whole - 1, 0)) - steps.outliers
+    return _Drive(True, (whole.sum() + unknown) / rate, max(missing, 0))
 
 
 def count_missing(gaps: np.ndarray) -> int:
@@ -622,7 +645,7 @@ def _read_log(
 def _read_frames(
     path: str | Path, start_s: float, end_s: float
 ) -> Iterator[tuple[int, float, np.ndarray]]:
-    index = index_video(path, whole=False)
+    index = index_video(path)
     number = None
     # shared: its setup takes half as long as one conversion
     converter = VideoReformatter()
@@ -637,9 +660,9 @@ def _read_frames(
             if number is None:
                 number = place
                 size = square_size(frame, stream)
-                if not index.constant_rate and start_s > 0 and frame.pts is not None:
-                    stamps = index_video(path).stamps
-                    number = int(np.searchsorted(stamps, frame.pts))
+                if not index.constant_rate and start_s > 0:
+                    earlier = index.times_s < float(time_s) - 1e-6
+                    number = int(earlier.sum())
             elif index.constant_rate:
                 number = max(number + 1, place)
             else:
@@ -670,7 +693,7 @@ def _frames_from(
                 except av.FFmpegError:  # a raw stream
                     continue
 
-            frames = _timed(decode_frames(container, stream), index, path)
+            frames = _timed(decode_frames(container, stream, index.rate), index, path)
             first = next(frames, None)
             if first is None:
                 continue

@@ -289,7 +289,7 @@ class _SoundTrack:
         """Packets for the output or frames for the encoder, from `start_s` on, with
         their times since then.
         """
-        index = index_video(self._source.name.removeprefix("file:"), whole=False)
+        index = index_video(self._source.name.removeprefix("file:"))
         zero_s = self._start_s + float(index.start_s)
         if self._start_s > 0:
             self._source.seek(int(zero_s * av.time_base))

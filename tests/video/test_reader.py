@@ -514,6 +514,6 @@ def test_a_change_of_size_is_reported_with_its_time(tmp_path):
 @pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])
 def test_impossible_frame_rates_are_refused(tmp_path, fps):
     path = make_video(tmp_path / "odd.mp4", 3, fps=fps)
-    words = r"odd\.mp4: states an implausible .* frames per second"
+    words = r"odd\.mp4: has an implausible .* frames per second"
     with pytest.raises(VideoError, match=words):
         inspect_video(path)

@@ -18,9 +18,11 @@ import pytest
 
 from lanes.files import read_telemetry
 from lanes.video.reader import describe_jumps, inspect_video, read_timed_frames
+from lanes.video.sources import sample_images
 from lanes.video.writer import VideoWriter, process_video
 from tests.support.clips import encode
 from tests.video.sample_videos import (
+    NTSC,
     make_video,
     number_of,
     numbered,
@@ -197,10 +199,14 @@ def test_sound_is_in_step_whenever_it_starts(
 
 
 def write_stamped(
-    path: Path, times_s: Sequence[float], *, decoded_s: Sequence[float] | None = None
+    path: Path,
+    times_s: Sequence[float],
+    *,
+    decoded_s: Sequence[float] | None = None,
+    fps: float = 25,
 ) -> Path:
     """Numbered frames with these presentation times; `decoded_s` are the times of
-    decoding, by default the same.
+    decoding, by default the same; `fps` is that of the header.
     """
 
     def stamp(packets: list[av.Packet]) -> list[av.Packet]:
@@ -215,7 +221,8 @@ def write_stamped(
         return packets
 
     options = {"preset": "ultrafast", "g": "12"}
-    return encode(path, map(numbered, range(len(times_s))), options=options, edit=stamp)
+    images = map(numbered, range(len(times_s)))
+    return encode(path, images, fps=fps, options=options, edit=stamp)
 
 
 EVEN_S = [number / 25 for number in range(100)]
@@ -277,6 +284,61 @@ def test_a_clock_that_is_set_to_the_time_of_day_goes_on(tmp_path, process, set_a
         4,
     )
     np.testing.assert_allclose(found_s, EVEN_S, atol=2e-3)
+
+
+class TestStampsAgainstTheHeader:
+    """FFmpeg copies an mp4 into an avi of 600 frames a second; default durations in
+    Matroska may be those of a field, or nonsense.
+    """
+
+    @pytest.fixture(
+        params=["avi 600", "mkv 50", "mkv 1000", "mkv 2", "flv 1000", "nut 50"]
+    )
+    def video(self, request, tmp_path) -> Path:
+        suffix, stated = request.param.split()
+        return write_stamped(tmp_path / f"a.{suffix}", EVEN_S, fps=int(stated))
+
+    def test_rate_and_length_are_those_of_the_stamps(self, video):
+        info = inspect_video(video)
+        assert info.fps == 25
+        assert info.duration_s == 4
+        assert (info.frames, info.missing) == (100, 0)
+
+    @pytest.mark.parametrize(("start_s", "end_s"), [(0, None), (3, None), (0.4, 2)])
+    def test_a_part_is_that_of_the_stamps(self, video, tmp_path, start_s, end_s):
+        out = tmp_path / "out.mp4"
+        first, end = round(25 * start_s), round(25 * (end_s or 4))
+
+        written = process_video(
+            video, out, unchanged, start_s=start_s, end_s=end_s, progress=False
+        )
+
+        assert (written.fps, written.missing) == (25, 0)
+        frames = list(read_timed_frames(video, start_s=start_s, end_s=end_s))
+        expected = list(range(first, end))
+        assert [number_of(frame.image) for frame in frames] == expected
+        assert [frame.number for frame in frames] == expected
+        times_s = [frame.time_s for frame in frames]
+        np.testing.assert_allclose(times_s, EVEN_S[first:end], atol=1e-3)
+        written_s = [frame.time_s for frame in read_timed_frames(out)]
+        np.testing.assert_allclose(np.diff(written_s), 1 / 25, atol=1e-3)
+
+    def test_samples_cover_the_whole_video(self, video):
+        seen = [number_of(image) for image in sample_images([video], 5)]
+        assert seen == [0, 20, 40, 60, 80]
+
+    @pytest.mark.parametrize(("rate", "suffix"), [(NTSC, "mkv"), (240, "flv")])
+    def test_a_rate_rounded_to_milliseconds_is_exact(self, tmp_path, rate, suffix):
+        times_s = [number / float(rate) for number in range(100)]
+        video = write_stamped(tmp_path / f"a.{suffix}", times_s, fps=1000)
+        assert inspect_video(video).fps == float(rate)
+
+    def test_a_rate_that_changes_has_no_missing_frames(self, tmp_path):
+        """A camera that takes 30 frames a second by day and 15 in tunnels."""
+        times_s = [*np.arange(60) / 30, *(2 + np.arange(30) / 15)]
+        info = inspect_video(write_stamped(tmp_path / "a.mkv", times_s, fps=30))
+        assert (info.fps, info.frames, info.missing) == (30, 90, 0)
+        assert info.duration_s == pytest.approx(4 - 1 / 15 + 1 / 30, abs=1e-3)
 
 
 def test_a_part_of_a_variable_rate_has_the_true_frame_numbers(tmp_path, process):
