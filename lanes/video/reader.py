@@ -11,7 +11,7 @@ import math
 from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import lru_cache
@@ -21,6 +21,7 @@ from typing import Any
 
 import av
 import numpy as np
+from av.bitstream import BitStreamFilterContext
 from av.container import InputContainer
 from av.sidedata.sidedata import Type as SideDataType
 from av.video.reformatter import VideoReformatter
@@ -61,6 +62,10 @@ _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit
 # counts as equal.
 STAMP_TOLERANCE_S = 1e-3
+# Types of NAL units with messages (SEI), the length of their headers in bytes, and the
+# type of a message of display orientation (ITU-T H.264 and H.265, annex D).
+_MESSAGE_UNITS = {"h264": (6, 1), "hevc": (39, 2)}
+_DISPLAY_ORIENTATION = 47
 # No codec reorders frames over a longer time.
 _REORDERED_S = 1.0
 # Frames that wait between two threads. One would be enough if every step took constant
@@ -106,7 +111,8 @@ class VideoIndex:
     `rate` is in frames per second, between gaps; `constant_rate` says whether frame n
     is at n / `rate`. `start_s` is the presentation time of the first frame on the
     container's clock; it may be damaged. `times_s` (N,) are those of the frames since
-    then, sorted; empty if some frames have no time stamp.
+    then, sorted; empty if some frames have no time stamp. `states_turns` says whether a
+    frame may state how it and those after it are turned.
     """
 
     info: VideoInfo
@@ -114,6 +120,7 @@ class VideoIndex:
     constant_rate: bool
     start_s: Fraction
     times_s: np.ndarray
+    states_turns: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,17 +182,20 @@ def open_video(path: str | Path) -> InputContainer:
 
 
 def decode_frames(
-    container: InputContainer, stream: av.VideoStream, rate: Fraction
+    container: InputContainer, stream: av.VideoStream, index: VideoIndex
 ) -> Iterator[av.VideoFrame]:
-    """The undamaged frames of a video stream in order; `rate` is that of its index."""
+    """The undamaged frames of a video stream in order."""
     placed = _are_placed(container)
     last_pts = None
-    for packet in read_packets(container, stream):
+    packets = read_packets(container, stream)
+    if index.states_turns:
+        packets = _mark_turns(packets, stream)
+    for packet in packets:
         for frame in decode_packet(packet):
             if placed:
                 # the last frames are completed by the end of the file
                 if frame.dts is None and last_pts is not None:
-                    frame.pts = last_pts + round(1 / (rate * frame.time_base))
+                    frame.pts = last_pts + round(1 / (index.rate * frame.time_base))
                 else:
                     frame.pts = frame.dts
                 last_pts = frame.pts
@@ -198,14 +208,17 @@ def _are_placed(container: InputContainer) -> bool:
     return container.format.name in _WITHOUT_PRESENTATION_TIMES
 
 
-def frame_orientation(frame: av.VideoFrame) -> int:
+def frame_orientation(frame: av.VideoFrame, before: int = 1) -> int:
     """The EXIF orientation of a frame by its display matrix, to the nearest quarter
-    turn; 1 without one.
+    turn; without one that of the frame `before`.
+
+    The matrix of a file is that of every frame. One in the stream is at the frame of
+    its message, and holds until the next message; FFmpeg makes none for an upright one.
     """
     side_data: Any = frame.side_data  # PyAV's types know its numbers only
     matrix = side_data.get(SideDataType.DISPLAYMATRIX)
     if matrix is None:
-        return 1
+        return 1 if frame.opaque else before
     # of a row vector (column, row) in the stored image to one on the screen
     # (libavutil/display.h)
     a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
@@ -291,7 +304,14 @@ def _index_video(path: str, *version: int) -> VideoIndex:
             orientation=orientation,
         )
         shown_s = np.sort(times_s[times_s >= 0])
-        return VideoIndex(info, rate, drive.is_constant, start * tick, shown_s)
+        return VideoIndex(
+            info=info,
+            rate=rate,
+            constant_rate=drive.is_constant,
+            start_s=start * tick,
+            times_s=shown_s,
+            states_turns=packets.state_turns,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +321,8 @@ class _Packets:
     `stamps` has the time of each frame that is shown, in ticks: that of its decoding if
     the frames `are_placed`, that of its presentation otherwise. The first `early` of
     them are those up to the packet that completes the first frame. `stored` frames are
-    in the file. `end_s` is the end of the last packet of any stream.
+    in the file. `end_s` is the end of the last packet of any stream. `state_turns` is
+    explained in `VideoIndex`.
     """
 
     first: av.VideoFrame | None
@@ -310,6 +331,7 @@ class _Packets:
     early: int
     stored: int
     end_s: float
+    state_turns: bool
 
 
 def _scan_packets(container: InputContainer) -> _Packets:
@@ -320,7 +342,8 @@ def _scan_packets(container: InputContainer) -> _Packets:
     early = 0
     stored = 0
     end_s = 0.0
-    for packet in read_packets(container):
+    state_turns = False
+    for packet in _mark_turns(read_packets(container), stream):
         if packet.pts is not None:
             end_pts = packet.pts + (packet.duration or 0)
             end_s = max(end_s, float(end_pts * packet.time_base))
@@ -335,7 +358,54 @@ def _scan_packets(container: InputContainer) -> _Packets:
         if first is None:
             early = len(stamps)
             first = next(decode_packet(packet), None)
-    return _Packets(first, are_placed, stamps, early, stored, end_s)
+        state_turns = state_turns or packet.opaque is not None
+    return _Packets(first, are_placed, stamps, early, stored, end_s, state_turns)
+
+
+def _mark_turns(
+    packets: Iterator[av.Packet], stream: av.VideoStream
+) -> Iterator[av.Packet]:
+    """The packets; those of the stream with a message of display orientation have an
+    `opaque`, as has the frame that is decoded from them.
+    """
+    unit = _MESSAGE_UNITS.get(stream.codec_context.name)
+    if unit is None:
+        yield from packets
+        return
+
+    unit_type, header_bytes = unit
+    stream.codec_context.copy_opaque = True
+    messages = BitStreamFilterContext(f"filter_units=pass_types={unit_type}", stream)
+    for packet in packets:
+        if packet.stream is stream and packet.size:
+            copy = av.Packet(bytes(packet))  # the filter empties it
+            with suppress(av.FFmpegError):  # a damaged packet
+                for units in messages.filter(copy):
+                    if _state_turn(bytes(units), header_bytes):
+                        packet.opaque = object()
+        yield packet
+
+
+def _state_turn(units: bytes, header_bytes: int) -> bool:
+    """Whether a message of display orientation is among those in NAL units, which begin
+    with start codes.
+    """
+    for unit in units.split(b"\0\0\1")[1:]:
+        # two zeros are followed by a 3 that is not part of the message
+        messages = unit[header_bytes:].replace(b"\0\0\3", b"\0\0")
+        while len(messages) > 2:  # then comes the end
+            kind, messages = _read_number(messages)
+            size, messages = _read_number(messages)
+            if kind == _DISPLAY_ORIENTATION:
+                return True
+            messages = messages[size:]
+    return False
+
+
+def _read_number(data: bytes) -> tuple[int, bytes]:
+    """The sum of the bytes up to the first that is not 255, and the rest."""
+    rest = data.lstrip(b"\xff")
+    return 255 * (len(data) - len(rest)) + sum(rest[:1]), rest[1:]
 
 
 def _start(packets: _Packets, stream: av.VideoStream) -> int:
@@ -647,19 +717,31 @@ def _read_frames(
 ) -> Iterator[tuple[int, float, np.ndarray]]:
     index = index_video(path)
     number = None
+    part_size = None
+    orientation = 1
     # shared: its setup takes half as long as one conversion
     converter = VideoReformatter()
     with closing(_frames_from(path, index, start_s)) as frames:
         for frame, time_s, stream in frames:
+            orientation = frame_orientation(frame, orientation)
             if time_s < start_s - STAMP_TOLERANCE_S:
                 continue
             if time_s > end_s - STAMP_TOLERANCE_S:
                 break
 
+            size = square_size(frame, stream)
+            image = _upright_rgb(frame, size, orientation, converter, path)
+            part_size = part_size or image.shape
+            if image.shape != part_size:
+                raise VideoError(
+                    f"{path}: changes from {part_size[1]}x{part_size[0]} to "
+                    f"{image.shape[1]}x{image.shape[0]} pixels at {float(time_s):.2f} "
+                    "s; cut it there (--start, --end), or convert it to one size."
+                )
+
             place = round(time_s * index.rate)
             if number is None:
                 number = place
-                size = square_size(frame, stream)
                 if not index.constant_rate and start_s > 0:
                     earlier = index.times_s < float(time_s) - 1e-6
                     number = int(earlier.sum())
@@ -667,7 +749,6 @@ def _read_frames(
                 number = max(number + 1, place)
             else:
                 number += 1
-            image = _upright_rgb(frame, size, converter, path)
             yield number, float(time_s), image
 
 
@@ -677,9 +758,11 @@ def _frames_from(
     """Frames with their times and their stream, from a key frame before `start_s` on.
 
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with
-    few key frames, they are from the first one on.
+    few key frames, they are from the first one on; also where a frame before says how
+    they are turned.
     """
-    attempts = (True, False) if start_s > 1 else (False,)
+    seeks = start_s > 1 and not index.states_turns
+    attempts = (True, False) if seeks else (False,)
     for seek in attempts:
         with open_video(path) as container:
             stream = container.streams.video[0]
@@ -693,7 +776,7 @@ def _frames_from(
                 except av.FFmpegError:  # a raw stream
                     continue
 
-            frames = _timed(decode_frames(container, stream, index.rate), index, path)
+            frames = _timed(decode_frames(container, stream, index), index, path)
             first = next(frames, None)
             if first is None:
                 continue
@@ -708,10 +791,7 @@ def _frames_from(
 def _timed(
     frames: Iterator[av.VideoFrame], index: VideoIndex, path: str | Path
 ) -> Iterator[tuple[av.VideoFrame, Fraction]]:
-    """Frames with their times in seconds since the first one, monotonic; VideoError if
-    the size changes.
-    """
-    size: tuple[int, int] | None = None
+    """Frames with their times in seconds since the first one, monotonic."""
     last_s: Fraction | None = None
     zero_s = index.start_s
     # looked at where the time stamps leave their order
@@ -720,16 +800,6 @@ def _timed(
         frame = ahead.popleft() if ahead else next(frames, None)
         if frame is None:
             return
-        frame_size = frame.width, frame.height
-        size = size or frame_size
-        if frame_size != size:
-            width, height = size
-            raise VideoError(
-                f"{path}: changes from {width}x{height} to "
-                f"{frame.width}x{frame.height} pixels at "
-                f"{float(last_s or 0):.2f} s; cut it there, or convert it to one size."
-            )
-
         # Only raw streams have no time stamps, and they have no gaps.
         after_s = Fraction(0)
         if last_s is not None:
@@ -774,10 +844,11 @@ def _without_outlier(
 def _upright_rgb(
     frame: av.VideoFrame,
     size: tuple[int, int],
+    orientation: int,
     converter: VideoReformatter,
     path: str | Path,
 ) -> np.ndarray:
-    """The RGB image of a frame of `size` (width, height) before rotation."""
+    """The upright RGB image of a frame of `size` (width, height) before rotation."""
     width, height = size
     try:
         rgb = converter.reformat(frame, width, height, format="rgb24", threads=1)
@@ -788,7 +859,7 @@ def _upright_rgb(
             f"{frame.colorspace} of Recommendation H.273, {frame.format.name}); export "
             "it with the colours of BT.709."
         ) from error
-    return make_upright(image, frame_orientation(frame))
+    return make_upright(image, orientation)
 
 
 def describe_jumps(time_s: np.ndarray, fps: float) -> str:

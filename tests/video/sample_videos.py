@@ -5,6 +5,7 @@ sound and packets.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Mapping
 from fractions import Fraction
 from pathlib import Path
 
@@ -64,6 +65,32 @@ def set_matrix(source: Path, target: Path, a: int, b: int, c: int, d: int) -> No
         ">9i", a << 16, b << 16, 0, c << 16, d << 16, 0, 0, 0, 1 << 30
     )
     target.write_bytes(data)
+
+
+def state_turns(
+    codec: str, turns: Mapping[int, int]
+) -> Callable[[list[av.Packet]], list[av.Packet]]:
+    """An edit for `encode`: the stream states at these frames how many degrees it is to
+    be turned anticlockwise (ITU-T H.274, display orientation; it persists).
+    """
+    unit = {"libx264": b"\x06", "libx265": b"\x4e\x01"}[codec]
+
+    def edit(packets: list[av.Packet]) -> list[av.Packet]:
+        for number, degrees in turns.items():
+            # no flips, the turn in 16 bits, a period of 1, no extension, end
+            bits = f"000{degrees * 2**16 // 360:016b}01001"
+            message = b"\x2f\x03" + int(bits, 2).to_bytes(3, "big") + b"\x80"
+            before = packets[number]
+            packet = av.Packet(b"\0\0\0\1" + unit + message + bytes(before))
+            packet.stream = before.stream
+            packet.time_base = before.time_base
+            packet.pts = before.pts
+            packet.dts = before.dts
+            packet.is_keyframe = before.is_keyframe
+            packets[number] = packet
+        return packets
+
+    return edit
 
 
 def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:

@@ -5,6 +5,7 @@ unusable files.
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from fractions import Fraction
 from pathlib import Path
@@ -32,6 +33,7 @@ from tests.video.sample_videos import (
     number_of,
     numbered,
     set_matrix,
+    state_turns,
     unchanged,
 )
 
@@ -225,6 +227,56 @@ class TestDisplayMatrix:
     def test_turning_has_an_inverse(self, orientation):
         upright = make_upright(CORNERS, orientation)
         np.testing.assert_array_equal(as_stored(upright, orientation), CORNERS)
+
+
+class TestTurnsInTheStream:
+    """A message of display orientation holds for the stream until the next one."""
+
+    @pytest.fixture(params=["ts", "mp4", "avi", "h264", "hevc in ts"])
+    def encode_turned(self, request, tmp_path) -> Callable[[dict[int, int]], Path]:
+        """A function that encodes 75 frames with these turns in degrees."""
+        suffix = request.param.split()[-1]
+        codec = "libx265" if "hevc" in request.param else "libx264"
+        options = {"preset": "ultrafast", "g": "12"}
+        if codec == "libx265":
+            options["x265-params"] = "log-level=none:bframes=0:keyint=12"
+
+        def run(turns: dict[int, int]) -> Path:
+            images = map(numbered, range(75))
+            edit = state_turns(codec, turns)
+            path = tmp_path / f"turned.{suffix}"
+            return encode(path, images, codec, options=options, edit=edit)
+
+        return run
+
+    @pytest.mark.parametrize("start_s", [0.0, 2.0])
+    @pytest.mark.parametrize(("degrees", "orientation"), [(90, 8), (180, 3), (270, 6)])
+    def test_one_holds_for_all_frames(
+        self, encode_turned, degrees, orientation, start_s
+    ):
+        path = encode_turned({0: degrees})
+        info = inspect_video(path)
+        images = list(read_video(path, start_s=start_s))
+        assert info.orientation == orientation
+        assert {image.shape[1::-1] for image in images} == {(info.width, info.height)}
+        stored = [np.rot90(image, -degrees // 90) for image in images]
+        assert [*map(number_of, stored)] == list(range(round(25 * start_s), 75))
+
+    @pytest.mark.parametrize("start_s", [0.0, 2.0])
+    @pytest.mark.parametrize("turns", [{30: 180}, {0: 180, 30: 0}])
+    def test_another_one_holds_from_its_frame_on(self, encode_turned, turns, start_s):
+        for frame in read_timed_frames(encode_turned(turns), start_s=start_s):
+            is_turned = (frame.number >= 30) == (turns[30] == 180)
+            image = np.rot90(frame.image, 2) if is_turned else frame.image
+            assert number_of(image) == frame.number
+
+    def test_a_quarter_turn_is_reported_with_its_time(self, encode_turned):
+        path = encode_turned({0: 0, 30: 90})
+        change = r"changes from 160x96 to 96x160 pixels at 1\.20 s; cut it there"
+        with pytest.raises(VideoError, match=change):
+            list(read_video(path))
+        assert len(list(read_video(path, end_s=1.2))) == 30
+        assert len(list(read_video(path, start_s=1.2))) == 45
 
 
 class TestSquarePixels:
@@ -505,7 +557,7 @@ def test_a_change_of_size_is_reported_with_its_time(tmp_path):
         seen.append(number_of(image))
         return image
 
-    change = "changes from 160x96 to 320x192 pixels at 0.96 s; cut it there"
+    change = "changes from 160x96 to 320x192 pixels at 1.00 s; cut it there"
     with pytest.raises(VideoError, match=f"both.ts: {change}"):
         process_video(path, tmp_path / "out.mp4", note, progress=False)
     assert seen == list(range(25))
