@@ -28,6 +28,7 @@ from lanes.camera.calibration import (
     find_boards,
 )
 from lanes.camera.field_of_view import (
+    OTHER_VIEWS,
     FieldOfView,
     find_field_of_view,
     given_field_of_view,
@@ -197,7 +198,7 @@ class Pose:
             raise PoseError(
                 f"{options.files[0]}: none of {estimate.frames_total} pictures shows a "
                 "likely lane, so the pose is unknown and no file is written; give "
-                "pictures of a marked road by day, or another --hfov."
+                f"pictures of a marked road by day, or another lens ({OTHER_VIEWS})."
             )
         print(estimate.describe())
         print(estimate.describe_accuracy())
@@ -416,6 +417,11 @@ class Explain:
         )
         if estimate:
             print(estimate.describe())
+        if estimate and options.start_s:
+            part = f"--start {options.start_s:g}"
+            print(
+                f"note: pose and track are those of annotate {part}, not of the whole"
+            )
         if info:
             explanation = _explain_frame(options, info, camera, settings, estimate)
         else:

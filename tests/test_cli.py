@@ -243,6 +243,21 @@ class TestExplainAFrame:
     def source(self, drive) -> list[Path | str]:
         return ["--camera", drive / "drive.yaml", drive / "drive.mp4"]
 
+    @pytest.mark.slow
+    def test_is_what_annotate_finds_with_a_pose_from_the_same_part(
+        self, drive, tmp_path, run
+    ):
+        part = ["--hfov", 58, drive / "drive.mp4", "--start", 0.2]
+        run("annotate", *part, "--no-report", "-o", tmp_path)
+        rows = read_telemetry(tmp_path / "drive.csv")
+        (row,) = np.flatnonzero(np.isclose(rows["time_s"], 0.6))
+
+        _, out, _ = run("explain", *part, "--at", 0.6, "-o", tmp_path / "why.png")
+
+        assert "note: pose and track are those of annotate --start 0.2, not" in out
+        assert f"pose       {rows['pose_height_m'][row]:.2f} m high" in out
+        assert f"confidence {rows['confidence'][row]:.0%}" in out
+
     def test_is_what_annotate_finds(self, source, tmp_path, run):
         part = [*source, "--start", 0.2]
         run("annotate", *part, "--no-report", "-o", tmp_path)

@@ -20,6 +20,7 @@ from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import RoadPrior
 from lanes.detect.search import (
     DetectorSettings,
+    StillDetection,
     VoteSettings,
     detect_still,
     find_lane,
@@ -34,7 +35,7 @@ from lanes.show.explanation import (
 from lanes.show.figures import show_explanation
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
-from tests.support.painted_drive import BENDS, PaintedDrive
+from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 from tests.support.painted_roads import YELLOW, Road, dashcam
 
 CAMERA = dashcam(width=1280)
@@ -172,6 +173,17 @@ class TestWeakestEvidence:
         changed = with_lane(good, **change)
         assert f"weakest    {words}" in changed.describe()
 
+    def test_of_a_lane_that_is_not_stated_says_nothing_about_the_camera(self, good):
+        changes = {"camera_yaw_rad": 0.3, "confidence_shift": -9.0}
+        detection = with_lane(good, **changes).detection
+        explanation = explain(good.image, CAMERA, detection=detection)
+        text = explanation.describe()
+
+        assert "camera seems" not in text
+        assert "state      lost\nnot stated lines at +2." in text
+        assert "offset " not in text
+        assert explanation.failed.failure.endswith("Below 15% no lane is stated.")
+
     def test_is_the_failure_beside_a_doubtful_pose(self, good):
         detection = with_lane(good, **UNSURE).detection
         doubted = explain(
@@ -190,7 +202,20 @@ class TestWhatWasNotTaken:
     def test_a_line_beside_the_lane_has_its_reason(self):
         text = self.explained(1.8, -1.8, 3.2)
         reason = r"because the lane would be [45]\.\d m wide"
-        assert re.search(rf"ignored    a line at \+3\.[12] m .*, {reason}", text)
+        place = r"a line at \+3\.2 m, 1\.4 m left of the left line, .*"
+        assert re.search(rf"ignored    {place}, {reason}", text)
+
+    def test_a_line_close_to_the_one_of_the_lane_is_named(self):
+        """As a line in the shade of a guard rail, beside a brighter strip."""
+        text = self.explained(2.5, 1.8, -1.8)
+        chosen = re.search(r"left line +(\d\.\d)\d ", text)[1]
+        other = (
+            r"\+2\.5 m, 0\.7 m left" if chosen == "1.8" else r"\+1\.8 m, 0\.7 m right"
+        )
+        assert re.search(rf"ignored    a line at {other} of the left line", text)
+
+    def test_a_double_line_is_one_line(self):
+        assert "ignored" not in self.explained(2.05, 1.8, -1.8)
 
     def test_a_line_of_the_adjacent_lane_is_not_ignored(self):
         assert "ignored" not in self.explained(1.8, -1.8, -5.4)
@@ -412,6 +437,13 @@ class TestTrackedFrame:
         known = "lane known for 0.72 s and last seen 0.08 s ago"
         assert f"prediction tracking, {known}" in explanation.describe()
 
+    def test_the_text_says_since_when_the_lane_is_tracked(self, seen):
+        explanation, _ = seen
+        assert re.search(r"lane since 0\.00 s$", explanation.describe(), re.MULTILINE)
+
+    def test_a_lane_of_a_single_image_has_no_history(self, good):
+        assert "since" not in good.describe()
+
     def test_a_low_confidence_of_one_frame_needs_no_action(self):
         explanation, _ = tracked(DARK, 0.72, confidence_shift=-9.0)
         advice = explanation.failed.advice
@@ -436,6 +468,37 @@ class TestTrackedFrame:
         lost_s, unseen_s = map(float, why.groups())
         assert unseen_s == pytest.approx(lost_s - 0.72, abs=0.011)
         show_explanation(explanation)
+
+
+# Lanes 3 m wide, seen by the camera after it was knocked.
+KNOCKED = replace(
+    BENDS,
+    camera=SMALL.with_pose(replace(SMALL.require_pose(), pitch_rad=0.12)),
+    lines=tuple(
+        replace(line, lateral_m=line.lateral_m * 3.0 / 3.6) for line in BENDS.lines
+    ),
+)
+
+
+def test_the_text_says_since_when_a_lane_and_its_pose_differ_from_those_before():
+    frames = []
+    for number, time_s in enumerate(np.arange(0.0, 4.0, 0.08)):
+        drive = BENDS if time_s < 1.0 else KNOCKED
+        frames.append(TimedFrame(number, time_s, drive.frame(time_s), 0.08))
+
+    def find_pose(image: np.ndarray) -> StillDetection:
+        return detect_still(image, KNOCKED.camera)
+
+    tracker = LaneTracker(SMALL, fps=12.5, find_pose=find_pose)
+    text = explain_tracked(frames, tracker).describe()
+
+    since = re.search(
+        r"lane since (\d\.\d\d) s; before that, likely lanes were (.*) m wide", text
+    )
+    pose = re.search(r"pose since (\d\.\d\d) s, from that picture; at first (.*)", text)
+    assert 1.0 <= float(pose[1]) <= float(since[1]) < 4.0
+    assert pose[2] == SMALL.require_pose().describe()
+    assert float(since[2]) == pytest.approx(3.6, abs=0.1)
 
 
 class TestFigureOfATrackedFrame:

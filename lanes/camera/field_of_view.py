@@ -33,6 +33,8 @@ from lanes.video.images import kind_of_file, orientation_of, upright_axes
 # Assumed if there is no information: phones that film have 55 to 70 degrees, dashcams
 # 60 to 140.
 DEFAULT_HFOV_DEG = 60.0
+# What to try where no lane is found with the assumed view: a narrow and a wide lens.
+OTHER_VIEWS = "--hfov 45, --hfov 90"
 GIVEN = "as given"
 PINHOLE, EQUIDISTANT = LENSES
 

@@ -26,7 +26,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from lanes.camera.field_of_view import find_camera
+from lanes.camera.field_of_view import OTHER_VIEWS, find_camera
 from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.lane import Lane
@@ -675,7 +675,11 @@ def _summarise(
     is_roll_known = bool(pose.roll_rad or np.isfinite(shown["roll_rad"]).any())
 
     other_height_m = others.height_m if is_undecided else None
-    notes = _notes(used, total, other_height_m, few=has_few, roll_known=is_roll_known)
+    notes = list(
+        _notes(used, total, other_height_m, few=has_few, roll_known=is_roll_known)
+    )
+    if has_few and not camera.calibrated:
+        notes[0] += f"; if they show them, try another field of view ({OTHER_VIEWS})"
     return PoseEstimate(
         camera=camera,
         height_std_m=0.0 if options.height_m else log_std * pose.height_m,

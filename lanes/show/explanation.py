@@ -10,17 +10,19 @@ doubtful one, it names the step, the reason and what to do.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from lanes.camera.model import Camera, require_camera
+from lanes.camera.field_of_view import OTHER_VIEWS
+from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.describe import describe_bend
 from lanes.detect.birdseye import lightness
 from lanes.detect.confidence import (
+    LEAST_CONFIDENCE,
     LIKELY_CONFIDENCE,
     USUAL_WIDTH_M,
     WIDTH_STD_M,
@@ -28,7 +30,7 @@ from lanes.detect.confidence import (
 )
 from lanes.detect.evidence import Evidence, strength_weight
 from lanes.detect.fit import Fit, FitSettings, near_stripes
-from lanes.detect.lane import COASTING, LOST, Lane
+from lanes.detect.lane import COASTING, LOST, Lane, stated
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -51,10 +53,10 @@ RE_ESTIMATE_POSE = (
     "Estimate the camera pose from pictures of this drive (python -m lanes pose)."
 )
 OTHER_PICTURES = (
-    "The pose was estimated from these files: give the field of view (--hfov), another "
-    "part of the video (--start, --end) or pictures that show both lines by day, or a "
-    "camera file with the pose (--camera). Annotate stills of several cameras with "
-    "--each."
+    f"The pose was estimated from these files: give the field of view ({OTHER_VIEWS}), "
+    "another part of the video (--start, --end) or pictures that show both lines by "
+    "day, or a camera file with the pose (--camera). Annotate stills of several "
+    "cameras with --each."
 )
 # Median lightness of a road that is too dark or too bright to show paint, and the
 # smallest range of its lightness, 0 to 255.
@@ -64,10 +66,12 @@ LEAST_CONTRAST = 6
 # A larger pitch motion, in standard deviations of the prior, is no bump.
 MAX_PITCH_STDS = 3
 # Stripes parallel to the lane in a strip of this width are a line, if they are on this
-# share of the rows. Strips are searched up to this distance to either side.
+# share of the rows. Strips are searched up to this distance to either side, and not so
+# near to a line of the lane, where the second stripe of a double one lies.
 STRIP_M = 0.4
-LEAST_PAINT = 0.15
+LEAST_PAINT = 0.1
 STRIPS_HALF_WIDTH_M = 8.0
+BESIDE_LINE_M = 0.6
 # A start hypothesis whose centre or width differs by more is another lane.
 OTHER_LANE_M = 0.5
 
@@ -103,7 +107,8 @@ class Explanation(ByValue):
     `steps` are in order of execution; only the last one may have failed. `detection` is
     None if the camera sees no road. `fit` is that of the lane, or the best one of a
     search without a lane. `prediction` (15,) is the tracked lane before the fit.
-    `candidates` are those lanes that a search compared, best first.
+    `candidates` are those lanes that a search compared, best first. `history` says
+    since when the track has this lane and this pose, in words by name.
     `lanes.show.figures.show_explanation` draws it.
     """
 
@@ -114,10 +119,11 @@ class Explanation(ByValue):
     fit: Fit | None = None
     prediction: np.ndarray | None = None
     candidates: tuple[Candidate, ...] = ()
+    history: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def lane(self) -> Lane | None:
-        """The lane found."""
+        """The lane found, also with a confidence too low to state it."""
         return self.detection.lane if self.detection else None
 
     @property
@@ -138,17 +144,23 @@ class Explanation(ByValue):
 
     def describe_result(self) -> list[str]:
         """Lines of text: the lane, the terms of its confidence, the weakest evidence,
-        the best rejected lanes.
+        since when it is tracked, the best rejected lanes.
+
+        Of a lane that is not stated only the place is given.
         """
         words = {"state": LOST}
         if self.lane:
-            words = self.lane.summary()
+            if stated(self.lane):
+                words = self.lane.summary()
+            else:
+                words["not stated"] = _describe_place(self.lane.model)
             odds = _describe_log_odds(self.lane)
             words["confidence"] = f"{self.lane.confidence:.0%}, {odds}"
             words["weakest"], _ = _weakest_evidence(self.lane, "")
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
             if ignored:
                 words["ignored"] = ignored
+            words |= self.history
 
         lines = [f"{name:<10} {text}" for name, text in words.items()]
         rejected = [lane for lane in self.candidates if not lane.chosen]
@@ -202,21 +214,27 @@ def explain(
 
 
 class _TrackedFrame(NamedTuple):
-    """Time of a frame, state of the lane, and whether one of its lines was seen."""
+    """Time of a frame, state of the lane, whether one of its lines was seen, width of a
+    likely lane, number of frames since its track began, and camera pose.
+    """
 
     time_s: float
     state: str
     seen: bool
+    width_m: float | None
+    track_frames: int
+    pose: CameraPose
 
 
 class _Tracking(NamedTuple):
     """What a tracker adds to a detection: the fit to the frame, the predicted lane
-    (15,), and the frames before in words.
+    (15,), the frames before in words, and since when it has lane and pose.
     """
 
     fit: Fit | None
     prediction: np.ndarray | None
     before: str
+    history: Mapping[str, str]
 
 
 def explain_tracked(
@@ -238,9 +256,16 @@ def explain_tracked(
         except CameraError:  # no road in view
             return explain(frame.image, tracker.camera, pose_doubt=pose_doubt)
         lane = tracker.tracked_lane
-        state = lane.state if lane else LOST
-        seen = lane is not None and any(line.seen for line in lane.evidence)
-        track.append(_TrackedFrame(frame.time_s, state, seen))
+        is_likely = lane is not None and lane.confidence >= LIKELY_CONFIDENCE
+        tracked = _TrackedFrame(
+            time_s=frame.time_s,
+            state=lane.state if lane else LOST,
+            seen=lane is not None and any(line.seen for line in lane.evidence),
+            width_m=lane.width_m if lane and is_likely else None,
+            track_frames=tracker.track_frames,
+            pose=tracker.camera.require_pose(),
+        )
+        track.append(tracked)
 
     assert tracker.evidence is not None
     detection = StillDetection(
@@ -251,6 +276,7 @@ def explain_tracked(
         fit=tracker.fit,
         prediction=None if predicted is None else predicted.lane,
         before=_describe_track(track),
+        history=_describe_history(track),
     )
     return _explain_detection(
         frame.image, tracker.camera, pose_doubt, detection, tracking
@@ -266,7 +292,7 @@ def _explain_detection(
 ) -> Explanation:
     """Explanation of a detection in an image, or in a frame of a tracker."""
     search = detection.search
-    tracking = tracking or _Tracking(None, None, "")
+    tracking = tracking or _Tracking(None, None, "", {})
     fit = tracking.fit
     if fit is None and search is not None:
         fit = search.fit
@@ -292,6 +318,7 @@ def _explain_detection(
         fit=fit,
         prediction=tracking.prediction,
         candidates=candidates,
+        history=tracking.history,
     )
 
 
@@ -362,6 +389,33 @@ def _describe_track(track: Sequence[_TrackedFrame]) -> str:
         f"{before[known[-1]].state}, lane known for {now.time_s - began_s:.2f} s and "
         f"last seen {now.time_s - last_seen_s:.2f} s ago"
     )
+
+
+def _describe_history(track: Sequence[_TrackedFrame]) -> dict[str, str]:
+    """Since when the last frame's lane is tracked, and its pose used, in words by name.
+
+    They name the width of the lanes before, and the pose of the first frame. A wrong
+    lane that is tracked confidently often began with a change of one of them.
+    """
+    *_, now = track
+    words = {}
+    if now.state != LOST:
+        began = max(len(track) - 1 - now.track_frames, 0)
+        since = f"{track[began].time_s:.2f} s"
+        before_m = [frame.width_m for frame in track[:began] if frame.width_m]
+        if before_m:
+            since += (
+                f"; before that, likely lanes were {np.median(before_m):.2f} m wide"
+            )
+        words["lane since"] = since
+
+    first = len(track) - 1
+    while first and track[first - 1].pose == now.pose:
+        first -= 1
+    if first:
+        found = f"{track[first].time_s:.2f} s, from that picture"
+        words["pose since"] = f"{found}; at first {track[0].pose.describe()}"
+    return words
 
 
 def _up_to_failure(steps: list[Step]) -> tuple[Step, ...]:
@@ -484,7 +538,10 @@ def _check_lane(lane: Lane, settings: FitSettings, pose_doubt: str | None) -> St
     failure = ""
     advice = ""
     pitch_rad = abs(lane.pitch_rad)
-    if pitch_rad >= MAX_PITCH_STDS * settings.prior.std[PITCH]:
+    if not stated(lane):
+        weakness, advice = _weakest_evidence(lane, pose_advice)
+        failure = f"{weakness} Below {LEAST_CONFIDENCE:.0%} no lane is stated."
+    elif pitch_rad >= MAX_PITCH_STDS * settings.prior.std[PITCH]:
         side = "down" if lane.pitch_rad > 0 else "up"
         turned = f"{np.degrees(pitch_rad):.1f} deg farther {side}"
         failure = f"the camera seems to look {turned} than its pose says."
@@ -572,7 +629,7 @@ def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str,
 def _describe_odd_heading(lane: Lane, pose_advice: str) -> tuple[str, str]:
     yaw_rad = lane.camera_yaw_rad or 0.0
     heading_rad = abs(lane.heading_rad)
-    if abs(yaw_rad) > heading_rad:
+    if abs(yaw_rad) > heading_rad and stated(lane):
         return f"{describe_wrong_yaw(-yaw_rad)}.", pose_advice
     return (
         f"the lane points {np.degrees(heading_rad):.1f} deg away from the car's "
@@ -623,20 +680,33 @@ def describe_ignored(lane: Lane, fit: Fit) -> str | None:
     found_m = [line.offset_m for line in (*lane.lines, *lane.adjacent) if line]
     strips_m = np.arange(-STRIPS_HALF_WIDTH_M, STRIPS_HALF_WIDTH_M, STRIP_M / 4)
     from_found_m = np.abs(strips_m[:, None] - found_m)
-    free_m = strips_m[(from_found_m > 2 * STRIP_M).all(axis=1)]
+    free_m = strips_m[(from_found_m > BESIDE_LINE_M).all(axis=1)]
 
     # the strip with paint on most rows
     in_strip = np.abs(free_m[:, None] - beside_m) < STRIP_M / 2
     paint = in_strip @ stripes.weight / fit.visible_rows.max()
     if not len(paint) or paint.max() < LEAST_PAINT:
         return None
-    ignored_m = free_m[paint.argmax()]
     share = min(paint.max(), 1.0)
-    reason = _why_ignored(lane, ignored_m)
+    weight = in_strip[paint.argmax()] * stripes.weight
+    ignored_m = float(np.average(beside_m, weights=weight))
+
+    from_left_m = ignored_m - lane.left.offset_m
+    from_right_m = ignored_m - lane.right.offset_m
+    if abs(from_left_m) < abs(from_right_m):
+        place = _describe_distance(from_left_m, "left")
+    else:
+        place = _describe_distance(from_right_m, "right")
     return (
-        f"a line at {ignored_m:+.1f} m with paint on {share:.0%} of the rows, because "
-        f"{reason}"
+        f"a line at {ignored_m:+.1f} m, {place}, with paint on {share:.0%} of the "
+        f"rows, because {_why_ignored(lane, ignored_m)}"
     )
+
+
+def _describe_distance(distance_m: float, line: str) -> str:
+    """How far to the left (> 0) of the left or right line, in words."""
+    direction = "left" if distance_m > 0 else "right"
+    return f"{abs(distance_m):.1f} m {direction} of the {line} line"
 
 
 def _why_ignored(lane: Lane, ignored_m: float) -> str:

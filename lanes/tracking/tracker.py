@@ -283,6 +283,11 @@ class LaneTracker:
         """The lane that is followed, also with a confidence too low to state it."""
         return self._track.lane if self._track else None
 
+    @property
+    def track_frames(self) -> int:
+        """Number of frames since the track of this lane began; 0 without one."""
+        return self._track.frames if self._track else 0
+
     def _use(self, camera: Camera) -> None:
         """Begin with another pose of the camera."""
         camera.require_pose()
