@@ -231,7 +231,7 @@ def test_explain_names_the_failed_step(drive, tmp_path, run):
     assert "height and roll are assumed" in failure
     advice = (
         "what to do The pose was estimated from these files: give the field of view "
-        "(--hfov)"
+        "(--hfov 45, --hfov 90)"
     )
     assert advice in failure
 
