@@ -44,7 +44,7 @@ from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_row, markdown_table
 from lanes.console import bounded, progress_line, split_names
-from lanes.detect.fit import FIT
+from lanes.detect.fit import FitSettings
 from lanes.score import summarize
 from lanes.tracking.filter import FILTER
 from lanes.tracking.tracker import TrackerSettings
@@ -113,7 +113,7 @@ MECHANISMS = (
     Mechanism(
         "small steps",
         "small steps of fits outwards",
-        {"detector.fit.outwards": FIT.extend},
+        {"detector.fit.outwards": FitSettings().extend},
     ),
     Mechanism(
         "variance inflation",

@@ -69,9 +69,6 @@ class FitSettings:
     min_support: float = 0.03
 
 
-FIT = FitSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class Fit:
     """K lanes fitted to the stripes of one image."""
@@ -215,7 +212,7 @@ class LanePrior(NamedTuple):
 
 
 def road_prior(
-    lanes: np.ndarray, settings: FitSettings, extra_vertical_per_m: float = 0.0
+    lanes: np.ndarray, settings: FitSettings, extra_vertical_per_m: float
 ) -> LanePrior:
     """The prior of roads that bend as the lanes (K, 15) do.
 
@@ -247,7 +244,7 @@ def fit_starts(
     starts: np.ndarray,
     stripes: Stripes,
     view: BirdsEyeView,
-    settings: FitSettings = FIT,
+    settings: FitSettings,
 ) -> tuple[Fit, Fit]:
     """Fit start hypotheses (K, 15) to the near stripes, and the best to all: both fits.
 
@@ -306,7 +303,7 @@ def fit_lanes(
     lanes: np.ndarray,
     stripes: Stripes,
     view: BirdsEyeView,
-    settings: FitSettings = FIT,
+    settings: FitSettings,
     *,
     schedule: Schedule | None = None,
     prior: LanePrior | None = None,
@@ -333,8 +330,9 @@ def fit_lanes(
         step_prior = prior
         if step_prior is None:
             step_prior = road_prior(lanes, settings, extra_vertical_per_m)
+        jacobian = residuals.jacobian()
         information, gradient = normal_equations(
-            lanes, residuals, used, step_prior, scale
+            jacobian, lanes, residuals, used, step_prior, scale
         )
         lanes = _step(lanes, information, gradient, settings)
 
@@ -357,17 +355,19 @@ def fit_near_prediction(
     """
     information = np.empty(0)
     residuals = stripe_residuals(lanes, stripes, view.height_m)
+    jacobian = residuals.jacobian()
     for _, scale in schedule:
         information, gradient = normal_equations(
-            lanes, residuals, stripes, prior, scale
+            jacobian, lanes, residuals, stripes, prior, scale
         )
         refined = _step(lanes, information, gradient, settings)
-        residuals = residuals.moved(refined - lanes)
+        residuals = residuals.moved(refined - lanes, jacobian)
         lanes = refined
     return Fit(lanes, information, residuals, stripes, view, settings)
 
 
 def normal_equations(
+    jacobian: np.ndarray,
     lanes: np.ndarray,
     residuals: StripeResiduals,
     stripes: Stripes,
@@ -377,19 +377,18 @@ def normal_equations(
     """Information matrix (K, 15, 15) and gradient (K, 15, 1) of the cost at lanes (K,
     15).
 
-    J is the Jacobian of the residuals, W the diagonal matrix of the robust weights over
-    the variances; both lists of terms, of stripes and prior, add up. The standard
-    deviations of the stripes are multiplied by `scale`.
+    `jacobian` J (K, 15, stripes) is that of the residuals, W the diagonal matrix of the
+    robust weights over the variances; the terms of stripes and prior add up. The
+    standard deviations of the stripes are multiplied by `scale`.
     """
-    J = residuals.jacobian
     std_m = scale * stripes.std_m
     robust = residuals.weights(std_m, angle_scale=scale)
     W = robust * stripes.weight / std_m**2
-    JW = J * W[:, None]
+    JW = jacobian * W[:, None]
     JW /= prior.inflation
 
     from_mean = (lanes - prior.mean)[..., None]
-    information = JW @ np.swapaxes(J, -1, -2) + prior.information
+    information = JW @ np.swapaxes(jacobian, -1, -2) + prior.information
     gradient = JW @ residuals.residual_m[..., None] + prior.information @ from_mean
     return information, gradient
 

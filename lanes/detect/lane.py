@@ -549,14 +549,10 @@ class Lane(ByValue):
         """Standard deviations (2, N) of `lateral_m`, metres."""
         return np.array([line.std_m(x_m) for line in self.lines])
 
-    def outlines(
-        self, camera: Camera, *, along_m: np.ndarray = OUTLINE_M
-    ) -> list[np.ndarray]:
+    def outlines(self, camera: Camera) -> list[np.ndarray]:
         """`Line.pixels` of the left and of the right line."""
-        return [
-            visible_part(line)
-            for line in project_lines(self.model, SIDES, camera, along_m)
-        ]
+        lines = project_lines(self.model, SIDES, camera, OUTLINE_M)
+        return [visible_part(pixels) for pixels in lines]
 
     def columns(self, camera: Camera, rows: np.ndarray) -> np.ndarray:
         """Columns (2, rows) of the left and the right line at rows of the raw image; -2

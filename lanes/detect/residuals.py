@@ -19,7 +19,6 @@ onto the lane's own road, which is pitched and curved vertically.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -149,17 +148,14 @@ class StripeResiduals:
     points: np.ndarray
     coordinates: PathCoordinates
 
-    def moved(self, steps: np.ndarray) -> StripeResiduals:
+    def moved(self, steps: np.ndarray, jacobian: np.ndarray) -> StripeResiduals:
         """The residuals after small steps (K, 15) of the lanes, linearised.
 
-        Jacobian and directions stay.
+        `jacobian` is that at the lanes before the steps. Directions stay.
         """
-        change_m = (steps[:, None] @ self.jacobian)[:, 0]
-        moved = replace(self, residual_m=self.residual_m + change_m)
-        moved.__dict__["jacobian"] = self.jacobian
-        return moved
+        change_m = (steps[:, None] @ jacobian)[:, 0]
+        return replace(self, residual_m=self.residual_m + change_m)
 
-    @cached_property
     def jacobian(self) -> np.ndarray:
         """(K, 15, stripes) derivative of `residual_m` by each parameter."""
         count, stripes = self.points.shape

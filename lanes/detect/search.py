@@ -100,14 +100,11 @@ def _spread(count: int, step: float, growth: float) -> np.ndarray:
     return np.sign(k) * step * np.expm1(np.abs(k) * growth) / growth
 
 
-VOTES = VoteSettings()
-
-
 def vote_lanes(
     stripes: Stripes,
     view: BirdsEyeView,
     prior: RoadPrior,
-    settings: VoteSettings = VOTES,
+    settings: VoteSettings,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The vote table (hypotheses, bins), and the lanes (K, 15) that it suggests.
 
@@ -119,7 +116,7 @@ def vote_lanes(
 
 
 def count_votes(
-    stripes: Stripes, height_m: float, settings: VoteSettings = VOTES
+    stripes: Stripes, height_m: float, settings: VoteSettings
 ) -> np.ndarray:
     """Histogram (H, bins) of the stripes by their distance from each hypothesis' arc.
 
@@ -207,7 +204,7 @@ def sums_of_products(
 
 
 def best_pairs(
-    votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings = VOTES
+    votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings
 ) -> np.ndarray:
     """At most `settings.lanes` lanes (K, 15), best first, from pairs of lines in the
     votes.
@@ -346,9 +343,7 @@ class StillDetection:
         return self.lane.confidence if self.lane else 0.0
 
 
-def search_lane(
-    evidence: Evidence, settings: DetectorSettings = DETECTOR
-) -> StillDetection:
+def search_lane(evidence: Evidence, settings: DetectorSettings) -> StillDetection:
     """Search the ego lane in the evidence of one image."""
     stripes = evidence.stripes
     if not len(near_stripes(stripes, settings.fit)):
@@ -600,7 +595,7 @@ def search_at_heights(
     image: np.ndarray,
     camera: Camera,
     heights_m: np.ndarray,
-    settings: DetectorSettings = DETECTOR,
+    settings: DetectorSettings,
     *,
     markings: Markings | None = None,
 ) -> list[StillDetection]:

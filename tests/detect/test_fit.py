@@ -10,7 +10,7 @@ import pytest
 from lanes.camera.model import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, Stripes, strength_weight
-from lanes.detect.fit import FIT, fit_lanes, fit_starts, predicted_prior
+from lanes.detect.fit import Fit, FitSettings, fit_lanes, fit_starts, predicted_prior
 from lanes.detect.residuals import flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
     CENTRE,
@@ -24,7 +24,7 @@ from lanes.detect.road import (
     line_y,
     lines_on_view,
 )
-from lanes.detect.search import vote_lanes
+from lanes.detect.search import VoteSettings, vote_lanes
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane
 
@@ -35,6 +35,7 @@ VIEW = BirdsEyeView(
 )
 ROWS_M = 5 * 1.022 ** np.arange(121)
 PRIOR = RoadPrior()
+FIT = FitSettings()
 
 
 def stripes_at(x_m, y_m, angle, strength=30.0):
@@ -81,6 +82,13 @@ def stripes_on(
     return found
 
 
+def found_in(stripes) -> Fit:
+    """The lane that a search finds in stripes."""
+    _, starts = vote_lanes(stripes, VIEW, PRIOR, VoteSettings())
+    _, fit = fit_starts(starts, stripes, VIEW, FIT)
+    return fit
+
+
 ROADS = {
     "straight, off centre": a_lane(centre=0.4, width=3.6, heading=0.01),
     "left bend": a_lane(centre=-0.3, heading=-0.02, curvature=1 / 350),
@@ -96,7 +104,7 @@ ROADS = {
 @pytest.mark.parametrize("road", ROADS.values(), ids=ROADS.keys())
 def test_lane_is_found_among_clutter(road):
     stripes = stripes_on(road, outliers=300)
-    _, fit = fit_starts(vote_lanes(stripes, VIEW, PRIOR)[1], stripes, VIEW)
+    fit = found_in(stripes)
     lane = fit.lanes[0]
     # the first row is 5 m ahead, and from there to the car a hairpin may have changed
     # its bend
@@ -122,7 +130,7 @@ def test_a_search_follows_a_road_that_undulates(vertical):
     y_m = shown[seen]
     slope = ((ahead - shown) / 0.01)[seen]
     stripes = stripes_at(x_m, y_m, np.arctan(slope), strength=15.0)
-    _, fit = fit_starts(vote_lanes(stripes, VIEW, PRIOR)[1], stripes, VIEW)
+    fit = found_in(stripes)
     for side in SIDES:
         at_m = np.array([8.0, 15.0, 25.0])
         np.testing.assert_allclose(
@@ -142,7 +150,7 @@ def test_derivatives_agree_with_differences(curvature):
         (LEFT_SIDE, RIGHT_SIDE, FAR_LINE * LEFT_SIDE, FAR_LINE * RIGHT_SIDE),
         outliers=50,
     )
-    jacobian = stripe_residuals(lane[None], stripes, HEIGHT_M).jacobian[0]
+    jacobian = stripe_residuals(lane[None], stripes, HEIGHT_M).jacobian()[0]
     tiny = dict(pitch=1e-6, vertical=1e-8, rate_steps=1e-9, adjacent=1e-5)
     steps = a_lane(
         centre=1e-5, width=1e-5, heading=1e-6, curvature=1e-7, rate=1e-9, **tiny
@@ -177,7 +185,11 @@ def test_uncertainty_covers_the_error(prior):
     claims = []
     for seed in range(20):
         fit = fit_lanes(
-            road[None], stripes_on(road, noise_m=0.04, seed=seed), VIEW, prior=prior
+            road[None],
+            stripes_on(road, noise_m=0.04, seed=seed),
+            VIEW,
+            FIT,
+            prior=prior,
         )
         errors.append(fit.lanes[0] - road)
         claims.append(np.sqrt(np.diag(fit.covariance[0])))
@@ -193,7 +205,7 @@ def test_a_prediction_counts_as_much_as_it_is_certain(certainty, moved_m):
     stripes = stripes_on(road + a_lane(centre=0.1, width=0.0))
     covariance = np.diag((certainty * PRIOR.std) ** 2)
     fit = fit_lanes(
-        road[None], stripes, VIEW, prior=predicted_prior(road, covariance, FIT)
+        road[None], stripes, VIEW, FIT, prior=predicted_prior(road, covariance, FIT)
     )
     assert fit.lanes[0, CENTRE] - road[CENTRE] == pytest.approx(moved_m, abs=0.02)
 
@@ -222,7 +234,7 @@ def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
     start = a_lane()[None]
     own = side * 1.8
     far = side * 1.8 * FAR_LINE + side * 0.1
-    fits = [fit_lanes(start, seen(y, pitch), VIEW) for y in ((own, far), (own,))]
+    fits = [fit_lanes(start, seen(y, pitch), VIEW, FIT) for y in ((own, far), (own,))]
     both, alone = (np.sqrt(f.covariance[0][PITCH, PITCH]) for f in fits)
     assert both < 0.002
     assert alone > 5 * both

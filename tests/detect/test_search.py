@@ -12,6 +12,7 @@ import pytest
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PaintSettings, find_evidence
 from lanes.detect.fit import FitSettings
+from lanes.detect.lane import Lane
 from lanes.detect.search import (
     DetectorSettings,
     detect_still,
@@ -54,6 +55,12 @@ def test_shaded_bend_off_centre():
     assert lane.left.seen
     assert lane.right.seen
     assert abs(lane.offset_m - 0.35) < 3 * lane.offset_std_m < 0.5
+
+
+def search_quickly(image: np.ndarray) -> Lane | None:
+    """The lane that a search finds in what the band filter sees."""
+    evidence = find_evidence(image, VIEW, quick=True)
+    return search_lane(evidence, DetectorSettings()).lane
 
 
 @pytest.mark.parametrize("radius", [-18.0, 22.0])
@@ -100,9 +107,7 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
     np.testing.assert_allclose(
         lane.left.y(np.array([13.0, 25.0])), 1.8 - offset, atol=0.06
     )
-    beside = search_lane(
-        find_evidence(Road(CAMERA).lines(0.3, 3.9).image(), VIEW, quick=True)
-    ).lane
+    beside = search_quickly(Road(CAMERA).lines(0.3, 3.9).image())
     assert beside.score < 0.9  # less by one
 
 
@@ -110,7 +115,7 @@ def test_the_car_is_in_its_lane_whatever_the_neighbours_look_like(offset):
 def test_lines_between_those_of_the_lane_count(between_m):
     """Tiles have lines along the whole lane. A double line is one line of the lane."""
     image = Road(CAMERA).lines(1.95, 1.7, -1.75, *between_m).image()
-    lane = search_lane(find_evidence(image, VIEW, quick=True)).lane
+    lane = search_quickly(image)
     assert lane.width_m == pytest.approx(3.5, abs=0.1)
     assert lane.clear_share == pytest.approx(2 / (2 + len(between_m)), abs=0.08)
 
@@ -150,7 +155,7 @@ def test_a_lane_too_faint_for_the_band_filter_is_found_and_none_on_a_bare_road()
         for noise in (0.0, 2.0, 15.0)
     )
     road = Road(CAMERA, noise=5.0).lines(1.8, -1.8, colour=tuple(np.add(ASPHALT, 8)))
-    assert search_lane(find_evidence(road.image(), VIEW, quick=True)).lane is None
+    assert search_quickly(road.image()) is None
     lane = find_lane(road.image(), CAMERA)
     assert lane.confidence > 0.5
     assert lane.width_m == pytest.approx(3.6, abs=0.15)

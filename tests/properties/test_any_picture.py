@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from lanes.camera.model import Camera
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.fit import FIT
+from lanes.detect.fit import FitSettings
 from lanes.detect.lane import Lane, telemetry_row
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import WIDTH
@@ -221,7 +221,7 @@ def test_no_road_is_seen_in_smaller_images(size):
         find_lane(image, camera_of(size))
 
 
-LIMIT = FIT.prior.limit
+LIMIT = FitSettings().prior.limit
 COUNT = len(LIMIT)
 
 
