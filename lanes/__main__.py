@@ -8,13 +8,14 @@ answered at once.
 from __future__ import annotations
 
 import argparse
+import os
 import shlex
 import sys
 from collections.abc import Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from difflib import get_close_matches
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 
 from lanes import __version__
@@ -51,9 +52,9 @@ from lanes.console import (
     seconds,
 )
 from lanes.describe import format_table, number_cells
-from lanes.detect.markings import load_markings
+from lanes.detect.markings import Markings, load_markings, network_files
 from lanes.detect.search import HEIGHT_RANGE_M, detect_still
-from lanes.drive import annotate_sources, make_tracker
+from lanes.drive import annotate_sources, make_tracker, planned_outputs
 from lanes.drive_camera import camera_for, pose_for
 from lanes.errors import CameraError, LaneError, PoseError
 from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
@@ -62,12 +63,13 @@ from lanes.labels import (
     detect_in_sequence,
     detect_in_stills,
     detect_in_video,
+    files_of_labels,
     find_picture,
     labels_folder,
     read_labels,
     read_predictions,
 )
-from lanes.many import annotate_many
+from lanes.many import annotate_many, manifest_path
 from lanes.pose.estimate import (
     ESTIMATED,
     LANE_WIDTH_M,
@@ -91,7 +93,14 @@ from lanes.video.reader import (
     inspect_video,
     read_frames,
 )
-from lanes.video.sources import Sources, find_sources, require_topic, sample_images
+from lanes.video.sources import (
+    Sources,
+    files_of,
+    find_sources,
+    require_distinct_outputs,
+    require_topic,
+    sample_images,
+)
 
 
 class Calibrate:
@@ -122,7 +131,10 @@ class Calibrate:
 
     def run(self, options: argparse.Namespace) -> int:
         paths = find_sources(map(str, options.pictures)).files
-        require_no_input_among(filter(None, (options.output, options.sheet)), paths)
+        outputs = [options.output]
+        if options.sheet:
+            outputs.append(options.sheet)
+        _require_free(outputs, options, paths)
 
         progress = progress_line("calibrate")
         detections = find_boards(paths, options.pattern, progress=progress)
@@ -180,7 +192,6 @@ class Pose:
         _add_output(parser, "camera.yaml", "camera file to write")
 
     def run(self, options: argparse.Namespace) -> int:
-        require_no_input_among([options.output], options.files)
         lens, settings = find_lens(options)
         estimate = estimate_pose(
             options.files,
@@ -260,7 +271,15 @@ class Annotate:
         printed at the end.
         """
         sources = find_sources(options.files)
-        settings = _read_settings(options, sources)
+        in_parallel = bool(options.workers or options.scheduler)
+        to_write = DriveSettings(output=options.output, report=options.report)
+        planned = planned_outputs(sources, to_write)
+        require_distinct_outputs(planned)
+        outputs = [output for _, output in planned]
+        if in_parallel:
+            for video in sources.videos:
+                outputs.append(manifest_path(video, options.output))
+        settings = _read_settings(options, sources, outputs)
 
         def say(words: str) -> None:
             if not options.quiet:
@@ -268,7 +287,7 @@ class Annotate:
 
         failures: list[Exception] = []
         done = 0
-        if (options.workers or options.scheduler) and sources.videos:
+        if in_parallel and sources.videos:
             finished, failures = annotate_many(
                 sources.videos,
                 settings,
@@ -338,8 +357,7 @@ class Detect:
                 f"{sources.videos[0]}: is a video, and --each is for stills; omit one "
                 "of them."
             )
-        require_no_input_among([options.output], sources.files)
-        settings = _read_settings(options, sources)
+        settings = _read_settings(options, sources, [options.output])
 
         found = []
         missing = 0
@@ -398,7 +416,6 @@ class Explain:
         from lanes.show.figures import figure_kind, save_figure, show_explanation
 
         figure_kind(options.output)
-        require_no_input_among([options.output], options.files)
         (file,) = options.files
         info = None
         if kind_of_file(file) != "image":
@@ -567,9 +584,9 @@ class Score:
 
         folder = labels_folder(options.labels)
         pictures = [find_picture(folder, label.name) for label in labels]
-        label_files = map(label_file, pictures)
-        inputs = [options.labels, options.predictions, *pictures, *label_files]
-        require_no_input_among([options.output], inputs)
+        inputs = [*files_of_labels(options.labels), *pictures]
+        inputs += files_of_labels(options.predictions)
+        _require_free([options.output], options, inputs)
 
         scores = score_stills(labels, predictions, pictures, camera)
         tables = score_tables(scores)
@@ -750,14 +767,43 @@ def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
     options of `add_lens`.
     """
     sources = find_sources(map(str, options.files))
-    settings = _read_settings(options, sources)
+    settings = _read_settings(options, sources, [options.output])
     image = next(sample_images(sources.files, 1, topic=options.topic))
     height, width = image.shape[:2]
     return camera_for(settings, (width, height), sources.files[0]), settings
 
 
-def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettings:
+def _require_free(
+    outputs: Sequence[Path],
+    options: argparse.Namespace,
+    sources: Iterable[Path],
+    markings: Markings | None = None,
+) -> None:
+    """Raise ValueError if an output of a command is a file that it reads, or another
+    output.
+
+    It reads the sources, and the files that its options name.
+    """
+    names = vars(options)
+    inputs = list(chain.from_iterable(map(files_of, sources)))
+    if names.get("camera"):
+        inputs.append(options.camera)
+    if names.get("boards"):
+        inputs += find_sources([str(options.boards)]).files
+    if markings:
+        inputs += network_files(markings)
+    require_no_input_among(outputs, inputs)
+
+    if len(set(map(os.path.realpath, outputs))) < len(outputs):
+        raise ValueError(f"{outputs[-1]}: is to be written twice; name another file.")
+
+
+def _read_settings(
+    options: argparse.Namespace, sources: Sources, outputs: Sequence[Path] = ()
+) -> DriveSettings:
     """The settings according to the options; --boards is calibrated here.
+
+    Raises ValueError if one of the outputs is a file that the command reads.
 
     Prints which files were skipped, and what `_find_field` prints.
     """
@@ -767,6 +813,8 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
             "--lens needs a field of view; give --hfov as well, or omit --lens."
         )
     require_topic(sources.files, options.topic)
+    markings = load_markings(options.markings) if options.markings else None
+    _require_free(outputs, options, sources.files, markings)
 
     camera = None
     field = None
@@ -782,7 +830,6 @@ def _read_settings(options: argparse.Namespace, sources: Sources) -> DriveSettin
             f"--end {options.end_s:g} is not after --start {options.start_s:g}; give a "
             "later end."
         )
-    markings = load_markings(options.markings) if options.markings else None
     return DriveSettings(
         output=options.output,
         camera=camera,

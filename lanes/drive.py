@@ -36,6 +36,7 @@ from lanes.pose.estimate import (
     PoseEstimate,
     estimate_in_drive,
 )
+from lanes.ros.log_files import is_robot_log
 from lanes.ros.robot_log import index_log
 from lanes.show.draw import track_lane
 from lanes.show.lane_messages import MESSAGES_SUFFIX, write_lane_messages
@@ -46,7 +47,7 @@ from lanes.show.report import (
     seconds_lost,
     write_report,
 )
-from lanes.stills import annotate_stills
+from lanes.stills import annotate_stills, still_outputs
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from lanes.video.images import opencv_threads
@@ -165,8 +166,7 @@ def annotate_sources(
     Yields the result of each, or the error if it cannot be annotated. Raises ValueError
     if an output would overwrite a video or another output.
     """
-    outputs = [output_path(video, settings.output) for video in sources.videos]
-    require_distinct_outputs(sources.videos, outputs)
+    require_distinct_outputs(planned_outputs(sources, settings))
     jobs = [partial(annotate_drive, video, settings) for video in sources.videos]
     if sources.stills:
         jobs.append(partial(annotate_stills, sources.stills, settings))
@@ -375,12 +375,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     if info.has_audio and not written.has_audio:
         doubts.append(f"its sound cannot be decoded; {target} has no sound")
 
-    outputs = [target, table_path]
-    if info.topic:
-        outputs.append(table_path.with_suffix(MESSAGES_SUFFIX))
     counted = f"{written.frames} frames{_describe_missing(written.missing)}"
     if settings.report:
-        outputs.append(page)
         write_report(
             page,
             title=video.name,
@@ -400,7 +396,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     )
     lines += [f"{video}: {words}" for words in (*other_poses, *doubts)]
     return Annotation(
-        outputs=tuple(outputs),
+        outputs=tuple(drive_outputs(video, settings)),
         telemetry=telemetry,
         description="\n".join(lines),
         pose=pose,
@@ -546,3 +542,24 @@ def versions() -> dict[str, str]:
 def output_path(video: Path, folder: Path) -> Path:
     """Path of the annotated video in `folder`."""
     return folder / f"{video.stem}.mp4"
+
+
+def drive_outputs(video: Path, settings: DriveSettings) -> list[Path]:
+    """The files that `annotate_drive` writes, the annotated video first."""
+    suffixes = [".mp4", ".csv"]
+    if is_robot_log(video):
+        suffixes.append(MESSAGES_SUFFIX)
+    if settings.report:
+        suffixes.append(".html")
+    target = output_path(video, settings.output)
+    return [target.with_suffix(suffix) for suffix in suffixes]
+
+
+def planned_outputs(
+    sources: Sources, settings: DriveSettings
+) -> list[tuple[Path, Path]]:
+    """The files that `annotate` writes, each with the source that it is made from."""
+    planned = still_outputs(sources.stills, settings)
+    for video in sources.videos:
+        planned += [(video, output) for output in drive_outputs(video, settings)]
+    return planned

@@ -79,14 +79,23 @@ def require_file(
 
 def require_no_input_among(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Raise ValueError if one of the outputs would overwrite one of the inputs."""
-    # unlike `Path.resolve`, this accepts circular links
-    real_inputs = {os.path.realpath(path) for path in inputs}
+    read = set(map(_identity, inputs))
     for output in outputs:
-        if os.path.realpath(output) in real_inputs:
+        if _identity(output) in read:
             raise ValueError(
                 f"{output}: is one of the inputs and would be overwritten; name "
                 "another file or folder."
             )
+
+
+def _identity(path: Path) -> object:
+    """What is the same for all names of a file: links, mounts, capitals on macOS."""
+    try:
+        found = path.stat()
+    except OSError:
+        # unlike `Path.resolve`, this accepts circular links
+        return os.path.realpath(path)
+    return found.st_dev, found.st_ino
 
 
 def read_text(

@@ -230,6 +230,11 @@ def labels_folder(path: str | Path) -> Path:
     return path if path.is_dir() else path.parent
 
 
+def files_of_labels(path: Path) -> list[Path]:
+    """The files that labels or predictions are read from."""
+    return sorted(path.rglob("*.json")) if path.is_dir() else [path]
+
+
 def read_predictions(
     path: str | Path, labels: Sequence[LaneColumns]
 ) -> list[LaneColumns | None]:

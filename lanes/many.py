@@ -39,7 +39,12 @@ from lanes.annotation import DriveSettings
 from lanes.camera.model import camera_to_dict
 from lanes.console import plain_warnings, sigint_blocked
 from lanes.detect.markings import Markings, runtime_versions
-from lanes.drive import annotate_drive, output_path, versions
+from lanes.drive import (
+    annotate_drive,
+    output_path,
+    planned_outputs,
+    versions,
+)
 from lanes.errors import VideoError
 from lanes.files import (
     hash_sources,
@@ -53,7 +58,7 @@ from lanes.ros.log_files import file_of_log
 from lanes.show.lane_messages import MESSAGES_SUFFIX
 from lanes.show.report import frame_lengths_s, seconds_lost, share_tracked
 from lanes.video.images import opencv_threads
-from lanes.video.sources import require_distinct_outputs
+from lanes.video.sources import Sources, require_distinct_outputs
 
 # How many times a task is repeated after its worker died, or a disk or the network
 # failed.
@@ -77,7 +82,7 @@ class DriveJob:
     @property
     def manifest(self) -> Path:
         """Path of the manifest, next to the annotated video."""
-        return output_path(self.video, self.settings.output).with_suffix(".json")
+        return manifest_path(self.video, self.settings.output)
 
     @property
     def outputs(self) -> list[Path]:
@@ -145,8 +150,8 @@ def annotate_many(
     ValueError
         If an output would overwrite a video or another output.
     """
-    outputs = [output_path(video, settings.output) for video in videos]
-    require_distinct_outputs(videos, outputs)
+    planned = planned_outputs(Sources(tuple(videos), ()), settings)
+    require_distinct_outputs(planned)
     settings = replace(settings, output=settings.output.absolute(), progress=False)
 
     finished: list[FinishedDrive] = []
@@ -226,6 +231,11 @@ def _worst_first(drive: FinishedDrive) -> tuple[float, float, str]:
 
 
 # Finished drives.
+
+
+def manifest_path(video: Path, folder: Path) -> Path:
+    """Path of the manifest of a drive that is annotated into `folder`."""
+    return output_path(video, folder).with_suffix(".json")
 
 
 def fingerprint(video: Path, settings: DriveSettings) -> dict[str, Any]:

@@ -21,7 +21,6 @@ from lanes.pose.estimate import ESTIMATED, PoseEstimate, detect_in_drive
 from lanes.show.draw import draw_lane
 from lanes.show.report import describe_confidence, describe_shares
 from lanes.video.images import read_image, write_image
-from lanes.video.sources import require_distinct_outputs
 
 # Table of the stills in the output folder.
 STILLS_TABLE = "pictures.csv"
@@ -52,8 +51,6 @@ def annotate_stills(stills: Sequence[Path], settings: DriveSettings) -> Annotati
     The annotated images have the same names. A still that cannot be used is skipped;
     see `Annotation.failures`. Errors are those of `annotate`.
     """
-    images = [settings.output / path.name for path in stills]
-    require_distinct_outputs(stills, images)
     failures: list[LaneError] = []
     detected = detect_stills(stills, settings, failures)
     # raises if no still can be used, before anything is written
@@ -110,6 +107,15 @@ def _write_annotated(still: StillResult, settings: DriveSettings) -> Path:
         evidence=detection.evidence,
     )
     return write_image(settings.output / still.path.name, drawn)
+
+
+def still_outputs(
+    stills: Sequence[Path], settings: DriveSettings
+) -> list[tuple[Path, Path]]:
+    """The files that `annotate_stills` writes, each with the still that it is of."""
+    planned = [(still, settings.output / still.name) for still in stills]
+    tables = [(still, settings.output / STILLS_TABLE) for still in stills[:1]]
+    return planned + tables
 
 
 def detect_stills(

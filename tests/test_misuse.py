@@ -6,7 +6,9 @@ Bad files are in tests/end_to_end/test_bad_input.py.
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -105,6 +107,43 @@ OUTPUTS = {
         "one of the inputs",
         "calibrate sky --sheet sky/sky.png",
     ),
+    "detect over its camera": ("one of the inputs", f"{DETECT} -o link.yaml"),
+    "pose over its camera": (
+        "one of the inputs",
+        "pose --camera drive.yaml drive.mp4 -o drive.yaml",
+    ),
+    "score over its camera": (
+        "one of the inputs",
+        "score --camera drive.yaml labels.jsonl labels.jsonl -o drive.yaml",
+    ),
+    "detect over a board": (
+        "one of the inputs",
+        "detect --boards sky drive.mp4 -o sky/sky.png",
+    ),
+    "explain over a board": (
+        "one of the inputs",
+        "explain --boards sky stills/still.png -o sky/sky.png",
+    ),
+    "annotate over the video of the boards": (
+        "one of the inputs",
+        "annotate --boards boards/drive.mp4 drive.mp4 -o boards",
+    ),
+    "many drives over the camera": (
+        "one of the inputs",
+        "annotate --camera boards/drive.json drive.mp4 --workers 2 -o boards",
+    ),
+    "detect over a part of a recording": (
+        "one of the inputs",
+        "detect --hfov 60 bag -o bag/bag_0.db3",
+    ),
+    "camera over its sheet": (
+        "is to be written twice",
+        "calibrate sky -o both.png --sheet both.png",
+    ),
+    "table of stills over that of a video": (
+        "would be written from",
+        "annotate --camera drive.yaml stills boards/pictures.mp4 -o file",
+    ),
     "videos of one name": ("would be written from", f"{ANNOTATE} sky/../drive.mp4"),
     "videos of one name in parallel": (
         "would be written from",
@@ -140,6 +179,16 @@ def folder(tmp_path_factory) -> Path:
     (folder / "text.mp4").write_text("no video at all")
     (folder / "file").write_text("in the way")
     (folder / "empty").mkdir()
+    (folder / "boards").mkdir()
+    for name in ("drive.mp4", "pictures.mp4"):
+        shutil.copy(folder / "drive.mp4", folder / "boards" / name)
+    shutil.copy(folder / "drive.yaml", folder / "boards" / "drive.json")
+    (folder / "link.yaml").symlink_to("drive.yaml")
+    label = {"raw_file": "stills/still.png", "h_samples": [300], "lanes": [[100]]}
+    (folder / "labels.jsonl").write_text(json.dumps(label))
+    (folder / "bag").mkdir()
+    (folder / "bag" / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    (folder / "bag" / "bag_0.db3").write_text("part of a recording")
     return folder
 
 

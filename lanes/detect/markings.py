@@ -489,6 +489,22 @@ def read_onnx(file: Path) -> tuple[bytes, str]:
     return data, hashlib.sha256(data).hexdigest()
 
 
+def network_files(markings: Markings) -> list[Path]:
+    """The files that a network is read from: model, YAML file, weights."""
+    network = as_source(markings).function
+    if not isinstance(network, OnnxNetwork):
+        return []
+    import onnx
+
+    model = onnx.load(network.file, load_external_data=False)
+    files = {network.file, network.file.with_suffix(".yaml")}
+    for weights in model.graph.initializer:
+        for entry in weights.external_data:
+            if entry.key == "location":
+                files.add(network.file.with_name(entry.value))
+    return sorted(files)
+
+
 def runtime_versions(markings: Markings) -> dict[str, str]:
     """Versions of what runs a network, by name; empty for a function."""
     if not isinstance(as_source(markings).function, OnnxNetwork):

@@ -20,7 +20,7 @@ from lanes.files import (
     list_files,
     require_no_input_among,
 )
-from lanes.ros.log_files import is_bag_folder, is_robot_log
+from lanes.ros.log_files import file_of_log, is_bag_folder, is_robot_log
 from lanes.video.images import kind_of_file, natural_key, read_image, read_orientation
 from lanes.video.reader import (
     STAMP_TOLERANCE_S,
@@ -116,13 +116,28 @@ def require_topic(files: Iterable[Path], topic: str | None) -> None:
         )
 
 
-def require_distinct_outputs(inputs: Sequence[Path], outputs: Sequence[Path]) -> None:
-    """Raise ValueError if an output would overwrite one of the inputs, or the output of
-    another input.
+def files_of(source: Path) -> list[Path]:
+    """The files of a source: those of a recording, which is a folder, or itself."""
+    if not is_bag_folder(source):
+        return [source]
+    files = []
+    for path in list_files(source):
+        is_part = is_robot_log(path) and not path.name.endswith(MESSAGES_SUFFIX)
+        if is_part or path == file_of_log(source):
+            files.append(path)
+    return files
+
+
+def require_distinct_outputs(planned: Sequence[tuple[Path, Path]]) -> None:
+    """Raise ValueError if an output would overwrite a source, or the output of another.
+
+    `planned` are the sources and outputs, a pair for each output.
     """
-    require_no_input_among(outputs, inputs)
+    sources = [source for source, _ in planned]
+    outputs = [output for _, output in planned]
+    require_no_input_among(outputs, sources)
     source_of: dict[Path, Path] = {}
-    for source, output in zip(inputs, outputs, strict=True):
+    for source, output in planned:
         other = source_of.setdefault(output.resolve(), source)
         if other != source:
             raise ValueError(

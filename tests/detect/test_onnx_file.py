@@ -164,6 +164,20 @@ def test_weights_behind_a_link_out_of_the_folder_are_refused(tmp_path, detect):
     assert "symbolic link" in found.stderr
 
 
+@pytest.mark.parametrize("output", ["m.onnx", "m.yaml", "weights.bin"])
+def test_files_of_the_network_are_never_overwritten(tmp_path, run, output):
+    model = write_model(tmp_path / "m.onnx", LINES, weights_in="weights.bin")
+    still = write_image(tmp_path / "still.png", IMAGE)
+    before = (tmp_path / output).read_bytes()
+
+    options = ("--hfov", 60, "--markings", f"{model},own", "-o", tmp_path / output)
+    status, _, stderr = run("detect", still, *options)
+
+    assert status == 2
+    assert f"{output}: is one of the inputs" in stderr
+    assert (tmp_path / output).read_bytes() == before
+
+
 @pytest.mark.parametrize(
     ("left_bytes", "words"),
     [(None, r"m\.data, but it is not regular file"), (-8, "exceeds available data")],
