@@ -245,8 +245,7 @@ def read_predictions(
     two labels or two predictions are for the same image, or if no prediction is for a
     labelled one.
     """
-    rows_of = {normalize("NFC", label.name): label.rows for label in labels}
-    predictions = _read(Path(path), "prediction", rows_of)
+    predictions = _read(Path(path), "prediction")
     longest = max((len(_parts(label.name)) for label in labels), default=1)
     for depth in range(1, 1 + longest):
         names = [_parts(label.name)[-depth:] for label in labels]
@@ -266,7 +265,28 @@ def read_predictions(
             "same in both files."
         )
     by_name = dict(zip(predicted, predictions, strict=True))
-    return [by_name.get(name) for name in names]
+    matched: list[LaneColumns | None] = []
+    for name, label in zip(names, labels, strict=True):
+        found = by_name.get(name)
+        if found and np.isnan(found.rows).any():
+            found = _at_rows_of(label, found, path)
+        matched.append(found)
+    return matched
+
+
+def _at_rows_of(
+    label: LaneColumns, prediction: LaneColumns, path: str | Path
+) -> LaneColumns:
+    """A prediction without rows, at those of its label."""
+    lines, columns = prediction.columns.shape
+    if lines and columns != len(label.rows):
+        raise ValueError(
+            f"{path}: the prediction for {prediction.name} has no h_samples and "
+            f"{columns} columns a line, but its label {len(label.rows)} rows; write "
+            "h_samples."
+        )
+    columns_px = prediction.columns.reshape(lines, len(label.rows))
+    return replace(prediction, rows=label.rows, columns=columns_px)
 
 
 def find_picture(folder: Path, name: str) -> Path:
@@ -286,16 +306,14 @@ def _parts(name: str) -> tuple[str, ...]:
     return PurePosixPath(normalize("NFC", name)).parts
 
 
-def _read(
-    path: Path, kind: str, rows_of: Mapping[str, np.ndarray] | None = None
-) -> list[LaneColumns]:
+def _read(path: Path, kind: str) -> list[LaneColumns]:
     """The lines in a file, or in a folder of labelme files; `kind` is for messages."""
     if path.is_dir():
         return _read_folder(path)
     content = parse_json(read_text(path, kind, max_bytes=_MAX_BYTES))
     if has_shapes(content):
         return _as_columns({path: parse_drawing(path, content)}, path)
-    return _read_lines(path, kind, rows_of)
+    return _read_lines(path, kind)
 
 
 def _read_folder(folder: Path) -> list[LaneColumns]:
@@ -380,22 +398,16 @@ def label_rows(height: int) -> np.ndarray:
     return np.arange(16 * step, height, step)
 
 
-def _read_lines(
-    path: Path, kind: str, rows_of: Mapping[str, np.ndarray] | None
-) -> list[LaneColumns]:
-    """The lines in a file of JSON lines.
-
-    Predictions without `h_samples` are at the rows in `rows_of`, or left out.
-    """
+def _read_lines(path: Path, kind: str) -> list[LaneColumns]:
+    """The lines in a file of JSON lines; rows of predictions without them are NaN."""
     found = []
     for number, entry in read_json_lines(path, kind, max_bytes=_MAX_BYTES):
         try:
             name = entry["raw_file"].replace("\\", "/")  # written on Windows
-            own_rows = entry.get("h_samples")
-            if rows_of is None or "h_samples" in entry:
-                found.append(_parse(name, own_rows, entry))
-            elif normalize("NFC", name) in rows_of:
-                found.append(_parse(name, rows_of[normalize("NFC", name)], entry))
+            rows = entry.get("h_samples")
+            if kind == "prediction" and "h_samples" not in entry:
+                rows = np.full(max(map(len, entry["lanes"] or []), default=1), np.nan)
+            found.append(_parse(name, rows, entry))
         except (
             AttributeError,
             KeyError,
@@ -427,7 +439,7 @@ def _parse(name: str, h_samples: object, entry: dict) -> LaneColumns:
             f"raw_file {name!r}, h_samples of shape {rows.shape}, "
             f"lanes of shape {columns.shape}"
         )
-    rows_inside = (rows >= 0) & (rows < MAX_PIXELS)
+    rows_inside = np.isnan(rows) | ((rows >= 0) & (rows < MAX_PIXELS))
     columns_inside = np.abs(columns) < MAX_PIXELS
     if not rows_inside.all() or not columns_inside.all():
         raise ValueError("a point is outside the image")

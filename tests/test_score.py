@@ -215,6 +215,26 @@ def test_pictures_are_paired(tmp_path, name):
     assert first_columns == expected
 
 
+@pytest.mark.parametrize("name", PAIRS)
+def test_predictions_without_rows_are_paired_as_those_with_rows(tmp_path, name):
+    labelled, predicted, expected = PAIRS[name]
+    labels = []
+    for number, picture in enumerate(labelled):
+        rows = ROWS - number
+        labels.append(entry(picture, lines(upright(), rows=rows)))
+    predictions = [
+        {"raw_file": picture, "lanes": [[number] * len(ROWS)]}
+        for number, picture in enumerate(predicted)
+    ]
+
+    read, found = read_pairs(tmp_path, labels, predictions)
+
+    first_columns = [pair and pair.columns[0, 0] for pair in found]
+    assert first_columns == expected
+    for label, pair in zip(read, found, strict=True):
+        assert pair is None or pair.rows.tolist() == label.rows.tolist()
+
+
 ONE = entry("a.png", lines(upright()))
 OTHER = entry("b.png", lines(upright()))
 
@@ -238,7 +258,7 @@ def test_predictions_without_rows_are_at_those_of_their_label(tmp_path):
 def test_a_prediction_that_does_not_fit_the_rows_of_its_label_is_refused(tmp_path):
     labels = [entry("a.png", lines(upright()))]
     found = [{"raw_file": "a.png", "lanes": [[1.0, 2.0]]}]
-    words = r"found.jsonl: line 1 is not a prediction .*shape \(1, 2\)"
+    words = "found.jsonl: the prediction for a.png has no h_samples and 2 columns a li"
     with pytest.raises(ValueError, match=words):
         read_pairs(tmp_path, labels, found)
 
