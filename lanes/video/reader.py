@@ -209,16 +209,18 @@ def _are_placed(container: InputContainer) -> bool:
 
 
 def frame_orientation(frame: av.VideoFrame, before: int = 1) -> int:
-    """The EXIF orientation of a frame by its display matrix, to the nearest quarter
-    turn; without one that of the frame `before`.
+    """The EXIF orientation of a frame by the message in its packet or its display
+    matrix, to the nearest quarter turn; without them that of the frame `before`.
 
-    The matrix of a file is that of every frame. One in the stream is at the frame of
-    its message, and holds until the next message; FFmpeg makes none for an upright one.
+    A message holds until the next one. The matrix of a file is that of every frame.
     """
+    stated: Any = frame.opaque
+    if stated:
+        return stated[-1]
     side_data: Any = frame.side_data  # PyAV's types know its numbers only
     matrix = side_data.get(SideDataType.DISPLAYMATRIX)
     if matrix is None:
-        return 1 if frame.opaque else before
+        return before
     # of a row vector (column, row) in the stored image to one on the screen
     # (libavutil/display.h)
     a, b, _, c, d = np.frombuffer(bytes(matrix), np.int32)[:5].tolist()
@@ -365,8 +367,8 @@ def _scan_packets(container: InputContainer) -> _Packets:
 def _mark_turns(
     packets: Iterator[av.Packet], stream: av.VideoStream
 ) -> Iterator[av.Packet]:
-    """The packets; those of the stream with a message of display orientation have an
-    `opaque`, as has the frame that is decoded from them.
+    """The packets; the `opaque` of those with a message of display orientation, and of
+    the frames decoded from them, is a list with the EXIF orientation.
     """
     unit = _MESSAGE_UNITS.get(stream.codec_context.name)
     if unit is None:
@@ -381,15 +383,15 @@ def _mark_turns(
             copy = av.Packet(bytes(packet))  # the filter empties it
             with suppress(av.FFmpegError):  # a damaged packet
                 for units in messages.filter(copy):
-                    if _state_turn(bytes(units), header_bytes):
-                        packet.opaque = object()
+                    packet.opaque = _find_orientations(bytes(units), header_bytes)
         yield packet
 
 
-def _state_turn(units: bytes, header_bytes: int) -> bool:
-    """Whether a message of display orientation is among those in NAL units, which begin
-    with start codes.
+def _find_orientations(units: bytes, header_bytes: int) -> list[int] | None:
+    """The EXIF orientations that messages in NAL units state, which begin with start
+    codes; None without one.
     """
+    orientations = []
     for unit in units.split(b"\0\0\1")[1:]:
         # two zeros are followed by a 3 that is not part of the message
         messages = unit[header_bytes:].replace(b"\0\0\3", b"\0\0")
@@ -397,9 +399,27 @@ def _state_turn(units: bytes, header_bytes: int) -> bool:
             kind, messages = _read_number(messages)
             size, messages = _read_number(messages)
             if kind == _DISPLAY_ORIENTATION:
-                return True
+                orientations.append(_read_orientation(messages))
             messages = messages[size:]
-    return False
+    return orientations or None
+
+
+def _read_orientation(message: bytes) -> int:
+    """The EXIF orientation nearest to that of a message: it may cancel the one before,
+    or flip horizontally and vertically, and then turn anticlockwise.
+    """
+    bits = f"{int.from_bytes(message[:3], 'big'):024b}"
+    cancels, flips_columns, flips_rows = (bit == "1" for bit in bits[:3])
+    if cancels:
+        return 1
+    quarter_turns = round(int(bits[3:19], 2) / 2**14)
+
+    stored = np.arange(4).reshape(2, 2)
+    shown = np.flip(stored, 1) if flips_columns else stored
+    shown = np.flip(shown, 0) if flips_rows else shown
+    shown = np.rot90(shown, quarter_turns)
+    of_each = {o: make_upright(stored, o) for o in range(1, 9)}
+    return next(o for o, image in of_each.items() if np.array_equal(image, shown))
 
 
 def _read_number(data: bytes) -> tuple[int, bytes]:

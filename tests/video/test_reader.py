@@ -13,6 +13,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+from av.bitstream import BitStreamFilterContext
 
 from lanes.errors import VideoError
 from lanes.recording import MAX_PIXELS
@@ -269,6 +270,27 @@ class TestTurnsInTheStream:
             is_turned = (frame.number >= 30) == (turns[30] == 180)
             image = np.rot90(frame.image, 2) if is_turned else frame.image
             assert number_of(image) == frame.number
+
+    @pytest.mark.parametrize(
+        ("stated", "orientation"),
+        [("rotate=90", 8), ("flip=horizontal", 2), ("rotate=90:flip=horizontal", 5)],
+    )
+    def test_messages_of_ffmpeg_are_understood(self, tmp_path, stated, orientation):
+        """It writes one before the first frame, and others behind key frames."""
+        source = make_video(tmp_path / "source.mp4", 30)
+        path = tmp_path / "turned.mp4"
+        name = f"h264_metadata=display_orientation=insert:{stated}"
+        with av.open(str(source)) as plain, av.open(str(path), "w") as turned:
+            stream = plain.streams.video[0]
+            output = turned.add_stream_from_template(stream)
+            added = BitStreamFilterContext(name, stream, output)
+            for packet in plain.demux(stream):
+                for changed in added.filter(packet) if packet.size else []:
+                    changed.stream = output
+                    turned.mux(changed)
+
+        stored = [as_stored(image, orientation) for image in read_video(path)]
+        assert [*map(number_of, stored)] == list(range(30))
 
     def test_a_quarter_turn_is_reported_with_its_time(self, encode_turned):
         path = encode_turned({0: 0, 30: 90})
