@@ -372,8 +372,11 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     if not other_poses:
         # with another pose for a part of the drive, its angles cannot be compared
         doubts += _find_moved_camera(pose, telemetry)
-    if info.has_audio and not written.has_audio:
-        doubts.append(f"its sound cannot be decoded; {target} has no sound")
+    if written.sound_tracks < info.sound_tracks:
+        doubts.append(
+            f"its sound cannot be decoded: {target} has {written.sound_tracks} of "
+            f"{info.sound_tracks} sound tracks"
+        )
 
     counted = f"{written.frames} frames{_describe_missing(written.missing)}"
     if settings.report:

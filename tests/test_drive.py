@@ -419,11 +419,15 @@ def test_frames_without_a_lane_are_counted_as_lost(unlikely):
     assert f"lost for {lost_s:.1f} s" in unlikely.description
 
 
-def test_lost_sound_is_stated(tmp_path):
-    video = make_video_with_unknown_sound(tmp_path / "drive.avi", 3, size=SMALL.size)
+@pytest.mark.parametrize("tracks", [1, 2])
+def test_lost_sound_is_stated(tmp_path, tracks):
+    """That of the first track."""
+    video = tmp_path / "drive.avi"
+    make_video_with_unknown_sound(video, 3, tracks, size=SMALL.size)
     (result,) = quietly(video, tmp_path / "out", report=False)
     assert len(result.telemetry["frame"]) == 3
     assert "its sound cannot be decoded" in result.description
+    assert f"{tracks - 1} of {tracks} sound tracks" in result.description
 
 
 # --- stills

@@ -92,11 +92,15 @@ class VideoInfo:
     fps: float
     frames: int
     duration_s: float
-    has_audio: bool
+    sound_tracks: int = 0
     missing: int = 0
     topic: str | None = None  # of the images in a robot log
     orientation: int = 1  # in EXIF, as the display matrix says
     note: str = ""  # corrections of the times of a robot log, in words
+
+    @property
+    def has_audio(self) -> bool:
+        return self.sound_tracks > 0
 
     @property
     def mirrored(self) -> bool:
@@ -301,7 +305,7 @@ def _index_video(path: str, *version: int) -> VideoIndex:
             fps=float(rate),
             frames=len(packets.stamps),
             duration_s=round(drive.length_s, 6),
-            has_audio=bool(container.streams.audio),
+            sound_tracks=len(container.streams.audio),
             missing=max(not_stored, drive.missing + cut_off),
             orientation=orientation,
         )
@@ -555,9 +559,9 @@ def _measure_steps(steps: _Steps, rate: float) -> _Drive:
     # a step for each frame, those without a known step have the usual one
     unknown = steps.frames - steps.outliers - len(places)
     if not is_constant:
-        return _Drive(False, steps.steps_s.sum() + unknown / rate, 0)
+        return _Drive(False, float(steps.steps_s.sum()) + unknown / rate, 0)
     missing = count_missing(np.maximum(whole - 1, 0)) - steps.outliers
-    return _Drive(True, (whole.sum() + unknown) / rate, max(missing, 0))
+    return _Drive(True, float(whole.sum() + unknown) / rate, max(missing, 0))
 
 
 def count_missing(gaps: np.ndarray) -> int:
@@ -625,7 +629,6 @@ def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
         fps=log.fps,
         frames=count,
         duration_s=round(length_s, 6),
-        has_audio=False,
         missing=int(log.numbers[-1]) + 1 - count,
         topic=log.topic,
         note=log.note,

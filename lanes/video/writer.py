@@ -16,9 +16,8 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing, contextmanager, nullcontext, suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -74,8 +73,11 @@ class VideoWriter:
         Rounded to the nearest fraction with a denominator up to 1001: television rates
         such as 30000 / 1001 are exact.
     sound_from : str or Path, optional
-        A video whose sound is copied or encoded again, from the time of the first
-        written frame to that of the last. Sound that cannot be decoded is left out.
+        A video whose sound tracks are copied or encoded again, from the time of the
+        first written frame on. Sound that cannot be decoded is left out.
+    sound_end_s : float, optional
+        End of the sound, on the clock of `sound_from`; by default all of it is written,
+        also after the last frame.
 
     Raises
     ------
@@ -85,7 +87,12 @@ class VideoWriter:
     """
 
     def __init__(
-        self, path: str | Path, *, fps: float, sound_from: str | Path | None = None
+        self,
+        path: str | Path,
+        *,
+        fps: float,
+        sound_from: str | Path | None = None,
+        sound_end_s: float | None = None,
     ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
@@ -108,8 +115,9 @@ class VideoWriter:
         self._ticks_per_frame = self._rate.denominator * per_frame
 
         self._sound_from = sound_from
+        self._sound_end_s = math.inf if sound_end_s is None else sound_end_s
         self._resources = ExitStack()
-        self._sound: _SoundTrack | None = None
+        self._sound: _Sound | None = None
         self._container: OutputContainer | None = None
         self._size: tuple[int, int] | None = None
         self._zero_s = 0.0
@@ -191,7 +199,12 @@ class VideoWriter:
 
         if self._sound_from is not None:
             source = self._resources.enter_context(open_video(self._sound_from))
-            self._sound = _SoundTrack(source, container, start_s=self._zero_s)
+            self._sound = _Sound(
+                source,
+                container,
+                start_s=self._zero_s,
+                length_s=self._sound_end_s - self._zero_s,
+            )
         return container
 
     def _stamp(self, frame: av.VideoFrame, time_s: float) -> None:
@@ -217,8 +230,7 @@ class VideoWriter:
         with self._ffmpeg_errors():
             self._container.mux(self._stream.encode(None))
             if self._sound is not None:
-                end_pts = self._last_pts + self._ticks_per_frame
-                self._sound.finish(end_pts * float(self._tick))
+                self._sound.finish()
             self._container.close()
 
         self.written = inspect_video(self._partial)
@@ -239,88 +251,117 @@ class VideoWriter:
             ) from error
 
 
+@dataclass
 class _SoundTrack:
-    """The first sound track of `source` that can be decoded, written to `target`
-    interleaved with the frames.
+    """A sound track that is written: copied, or encoded again if it has an `encoder`.
+
+    `zero_s` is the time of the first written frame on the track's clock, `last_s` that
+    of the latest packet since then.
+    """
+
+    output: av.AudioStream
+    encoder: av.AudioStream | None
+    zero_s: float
+    last_s: float = -math.inf
+
+    def place(self, piece: Any) -> float:
+        """Stamp a packet or a frame for the output; seconds since the first frame."""
+        time_s = float(piece.pts * piece.time_base) - self.zero_s
+        earliest_s = self.last_s - CLOCK_RESET_S
+        continues = earliest_s <= time_s <= self.last_s + CLOCK_SET_S
+        if self.last_s > -math.inf and not continues:
+            self.zero_s -= self.last_s - time_s
+            time_s = self.last_s
+        self.last_s = time_s
+
+        if self.encoder:
+            # In avi a tick can be a whole frame of MP3, longer than one of AAC: two of
+            # these would have one time.
+            piece.time_base = Fraction(1, piece.sample_rate)
+        else:
+            piece.stream = self.output
+        piece.pts = round(time_s / piece.time_base)
+        piece.dts = piece.pts
+        return time_s
+
+
+class _Sound:
+    """The sound tracks of `source` that can be decoded, written to `target` interleaved
+    with the frames.
     """
 
     def __init__(
-        self, source: InputContainer, target: OutputContainer, *, start_s: float
+        self,
+        source: InputContainer,
+        target: OutputContainer,
+        *,
+        start_s: float,
+        length_s: float,
     ) -> None:
         self._source = source
         self._target = target
-        self._start_s = start_s
-        self._encoder: av.AudioStream | None = None
-        self._pieces: Iterator[tuple[float, Any]] = iter(())
+        self._length_s = length_s
+        index = index_video(source.name.removeprefix("file:"))
+        zero_s = start_s + float(index.start_s)
+        if start_s > 0:
+            source.seek(int(zero_s * av.time_base))
 
-        # A track in a codec that FFmpeg does not know has no codec context.
-        tracks = (track for track in source.streams.audio if track.codec_context)
-        track = next(tracks, None)
-        if track:
-            if track.codec_context.name not in _COPIED_CODECS:
-                self._encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
-            self._pieces = self._from_start(track)
+        self._tracks: dict[av.AudioStream, _SoundTrack] = {}
+        for stream in source.streams.audio:
+            codec = stream.codec_context
+            if codec is None:  # FFmpeg does not know it
+                continue
+            encoder = None
+            if codec.name not in _COPIED_CODECS:
+                encoder = target.add_stream("aac", rate=_SOUND_RATE_HZ)
+            output = encoder or target.add_stream_from_template(stream)
+            output.metadata["language"] = stream.metadata.get("language", "und")
+            self._tracks[stream] = _SoundTrack(output, encoder, zero_s)
+        self._pieces = self._read()
         self._next = next(self._pieces, None)
 
     def write_until(self, time_s: float) -> None:
         """Write the sound before `time_s`, seconds since the first written frame."""
         while self._next is not None:
-            piece_s, piece = self._next
+            piece_s, piece, track = self._next
             if piece_s >= time_s:
                 break
-            self._write(piece)
+            self._write(piece, track)
             self._next = next(self._pieces, None)
 
-    def finish(self, time_s: float) -> None:
-        """Write the sound before `time_s`, and what the encoder holds back."""
-        self.write_until(time_s)
-        self._write(None)
+    def finish(self) -> None:
+        """Write the other sound, and what the encoders hold back."""
+        self.write_until(math.inf)
+        for track in self._tracks.values():
+            self._write(None, track)
 
-    def _write(self, piece: Any) -> None:
+    def _write(self, piece: Any, track: _SoundTrack) -> None:
         # FFmpeg refuses, for instance, damaged packets, repeated time stamps and other
         # channels; the video goes on.
         with suppress(ValueError):
-            if self._encoder:
-                self._target.mux(self._encoder.encode(piece))
+            if track.encoder:
+                self._target.mux(track.encoder.encode(piece))
             elif piece:
                 self._target.mux(piece)
 
-    def _from_start(self, sound: av.AudioStream) -> Iterator[tuple[float, Any]]:
-        """Packets for the output or frames for the encoder, from `start_s` on, with
-        their times since then.
+    def _read(self) -> Iterator[tuple[float, Any, _SoundTrack]]:
+        """Packets for the output or frames for the encoder, from the first written
+        frame on, with their times since then and their tracks.
         """
-        index = index_video(self._source.name.removeprefix("file:"))
-        zero_s = self._start_s + float(index.start_s)
-        if self._start_s > 0:
-            self._source.seek(int(zero_s * av.time_base))
-
-        pieces: Iterator[Any] = read_packets(self._source, sound)
-        if self._encoder:
-            pieces = chain.from_iterable(map(decode_packet, pieces))
-        else:
-            output = self._target.add_stream_from_template(sound)
-
-        last_s = -math.inf
-        for piece in pieces:
-            if piece.pts is None:
-                continue
-            time_s = float(piece.pts * piece.time_base) - zero_s
-            continues = last_s - CLOCK_RESET_S <= time_s <= last_s + CLOCK_SET_S
-            if last_s > -math.inf and not continues:
-                zero_s -= last_s - time_s
-                time_s = last_s
-            last_s = time_s
-
-            if self._encoder:
-                # In avi a tick can be a whole frame of MP3, longer than one of AAC: two
-                # of these would have one time.
-                piece.time_base = Fraction(1, piece.sample_rate)
-            else:
-                piece.stream = output
-            piece.pts = round(time_s / piece.time_base)
-            piece.dts = piece.pts
-            if piece.pts >= 0:
-                yield time_s, piece
+        if not self._tracks:
+            return
+        for packet in read_packets(self._source, *self._tracks):
+            track = self._tracks[packet.stream]
+            pieces = decode_packet(packet) if track.encoder else [packet]
+            for piece in pieces:
+                if piece.pts is None:
+                    continue
+                time_s = track.place(piece)
+                # tracks take turns more often than once a second
+                if time_s > self._length_s + 1:
+                    return
+                if piece.pts >= 0 and time_s < self._length_s:
+                    yield time_s, piece, track
 
 
 def open_mp4(
@@ -425,7 +466,7 @@ def process_video(
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
-    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from)
+    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, sound_end_s=end_s)
     takes_time = _takes_time(function)
     frames = read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)
     numbers: list[int] = []

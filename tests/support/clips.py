@@ -30,8 +30,9 @@ def encode(  # noqa: PLR0913 (options, called by name)
     options: dict[str, str] | None = None,
     header: Mapping[str, object] | None = None,
     edit: Callable[[list[av.Packet]], list[av.Packet]] | None = None,
-    sound: str | None = None,
+    sound: str | Sequence[str] = (),
     sound_s: float = 0.0,
+    sound_end_s: float | None = None,
     tone_s: float | None = None,
     **audio: object,
 ) -> Path:
@@ -40,8 +41,9 @@ def encode(  # noqa: PLR0913 (options, called by name)
     The `container` is that of the suffix, if it is not named. `numbers` are the places
     of the frames on the clock, by default 0, 1, 2, ... `header` are attributes of the
     codec. `edit` is given the packets and returns those to write. `sound` is the codec
-    of a sound track from `sound_s` to the end of the last frame, with the tone of
-    `add_tone`; `audio` may have a rate and a layout.
+    of a sound track, or of several, from `sound_s` to `sound_end_s`, by default the end
+    of the last frame, with the tone of `add_tone`, half a second later in each track;
+    `audio` may have a rate and a layout.
     """
     frames = [_as_frame(image, pixels) for image in images]
     if numbers is None:
@@ -57,9 +59,9 @@ def encode(  # noqa: PLR0913 (options, called by name)
             stream.codec_context.color_range = 2
         for name, value in (header or {}).items():
             setattr(stream.codec_context, name, value)
-        if sound:
-            audio = {"rate": SOUND_HZ, "layout": "mono"} | audio
-            track = file.add_stream(sound, **audio)
+        audio = {"rate": SOUND_HZ, "layout": "mono"} | audio
+        codecs = [sound] if isinstance(sound, str) else sound
+        tracks = [file.add_stream(name, **audio) for name in codecs]
 
         packets = []
         for number, frame in zip(numbers, frames, strict=True):
@@ -68,9 +70,10 @@ def encode(  # noqa: PLR0913 (options, called by name)
             packets += stream.encode(frame)
         packets += stream.encode(None)
         file.mux(edit(packets) if edit else packets)
-        if sound:
-            end_s = (numbers[-1] + 1) / float(fps)
-            add_tone(file, track, sound_s, end_s, tone_s)
+        end_s = sound_end_s or (numbers[-1] + 1) / float(fps)
+        for number, track in enumerate(tracks):
+            begins_s = None if tone_s is None else tone_s + number / 2
+            add_tone(file, track, sound_s, end_s, begins_s)
     return path
 
 

@@ -93,22 +93,23 @@ def state_turns(
     return edit
 
 
-def make_video_with_unknown_sound(path: Path, frames: int, **options) -> Path:
-    """An avi whose sound track has the number of no codec, in the first entry of its
+def make_video_with_unknown_sound(
+    path: Path, frames: int, tracks: int = 1, **options
+) -> Path:
+    """An avi whose first sound track has the number of no codec, in the first entry of its
     header (WAVEFORMAT.wFormatTag).
     """
-    data = bytearray(
-        make_video(path, frames, sound="pcm_s16le", **options).read_bytes()
-    )
+    make_video(path, frames, sound=("pcm_s16le",) * tracks, **options)
+    data = bytearray(path.read_bytes())
     at = data.index(b"strf", data.index(b"auds")) + 8
     data[at : at + 2] = b"\x34\x12"
     path.write_bytes(data)
     return path
 
 
-def tone_starts_s(path: Path) -> float:
+def tone_starts_s(path: Path, track: int = 0) -> float:
     with av.open(str(path)) as container:
-        stream = container.streams.audio[0]
+        stream = container.streams.audio[track]
         for frame in container.decode(stream):
             loud = np.flatnonzero(np.abs(frame.to_ndarray().astype(float)[0]) > 0.1)
             if len(loud):

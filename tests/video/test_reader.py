@@ -392,7 +392,7 @@ class TestContainers:
             codec,
             options=options,
             fps=fps,
-            sound="aac" if suffix == "mkv" else None,
+            sound="aac" if suffix == "mkv" else (),
         )
 
     @OF_EACH

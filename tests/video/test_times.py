@@ -394,6 +394,59 @@ def test_sound_of_other_containers(tmp_path, suffix, codec, audio):
     assert tone_starts_s(tmp_path / "out.mp4") == pytest.approx(40 / 25 / 2, abs=0.03)
 
 
+class TestAllSoundIsKept:
+    """Several tracks, and what was recorded after the last frame."""
+
+    @pytest.fixture(
+        params=[
+            ("mov", ("aac", "pcm_s16le")),
+            ("mkv", ("flac", "libopus", "aac")),
+            ("avi", ("mp2", "mp2")),
+        ],
+        ids=lambda param: param[0],
+    )
+    def video(self, request, tmp_path) -> Path:
+        suffix, codecs = request.param
+        path = tmp_path / f"drive.{suffix}"
+        times = {"tone_s": 1.5, "sound_end_s": 4.0}
+        return make_video(path, 75, sound=codecs, **times)
+
+    @pytest.mark.parametrize("start_s", [0.0, 1.2])
+    def test_all_tracks_are_in_step(self, video, tmp_path, start_s):
+        out = tmp_path / "out.mp4"
+        written = process_video(video, out, unchanged, start_s=start_s, progress=False)
+        assert written.sound_tracks == inspect_video(video).sound_tracks >= 2
+        for track in range(written.sound_tracks):
+            expected_s = 1.5 + track / 2 - start_s
+            assert tone_starts_s(out, track) == pytest.approx(expected_s, abs=0.03)
+
+    @pytest.mark.parametrize(("end_s", "ends_s"), [(None, 4.0), (3.5, 3.5), (2, 2)])
+    def test_they_end_with_the_part(self, video, tmp_path, end_s, ends_s):
+        out = tmp_path / "out.mp4"
+        info = process_video(video, out, unchanged, end_s=end_s, progress=False)
+        assert info.duration_s == min(ends_s, 3)
+        with av.open(str(out)) as container:
+            for sound in container.streams.audio:
+                length_s = float(sound.duration * sound.time_base)
+                assert length_s == pytest.approx(ends_s, abs=0.1)  # a frame of FLAC
+
+    def test_languages_are_kept(self, tmp_path):
+        first = make_video(tmp_path / "a.mkv", 10, sound=("aac", "flac"))
+        path = tmp_path / "b.mkv"
+        with av.open(str(first)) as source, av.open(str(path), "w") as target:
+            outputs = [
+                target.add_stream_from_template(stream) for stream in source.streams
+            ]
+            outputs[2].metadata["language"] = "deu"
+            for packet in source.demux():
+                if packet.size:
+                    packet.stream = outputs[packet.stream_index]
+                    target.mux(packet)
+        process_video(path, tmp_path / "out.mp4", unchanged, progress=False)
+        with av.open(str(tmp_path / "out.mp4")) as container:
+            assert container.streams.audio[1].metadata["language"] == "deu"
+
+
 @pytest.mark.parametrize(
     ("codec", "layout", "end_s"), [("aac", "mono", 2.8), ("mp2", "stereo", 1.6)]
 )
