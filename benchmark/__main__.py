@@ -163,7 +163,7 @@ def _score_labelled(options: argparse.Namespace) -> None:
     """Print the scores of every system, and the consistency of the detector, on
     labelled stills.
     """
-    from benchmark import real_roads
+    from benchmark.real_roads import tables, ways
     from benchmark.systems import STILL_SYSTEMS
     from lanes.labels import labels_folder, read_labels
 
@@ -178,7 +178,7 @@ def _score_labelled(options: argparse.Namespace) -> None:
         folder = labels_folder(options.labels)
         options.files = [folder / label.name for label in labels]
         lens, settings = find_lens(options)
-        scored, pose = real_roads.score_folder(
+        scored, pose = ways.score_folder(
             labels,
             options.files,
             lens,
@@ -189,18 +189,18 @@ def _score_labelled(options: argparse.Namespace) -> None:
             every.setdefault(system, []).extend(lanes)
 
         if name:
-            engine = real_roads.lanes_of_engine(scored)
-            summary = real_roads.summarize_lanes(engine)
+            engine = ways.lanes_of_engine(scored)
+            summary = tables.summarize_lanes(engine)
             print(f"{name}: {len(labels)} stills; {summary}")
         elif pose:
             print(pose.describe())
         else:
             print("camera pose: that of the camera file")
 
-    print(real_roads.describe_labelled(every))
-    engine = real_roads.lanes_of_engine(every)
+    print(tables.describe_labelled(every))
+    engine = ways.lanes_of_engine(every)
     if engine:
-        print(f"\n{real_roads.describe_lanes(engine)}\n")
+        print(f"\n{tables.describe_lanes(engine)}\n")
 
 
 def _report(results: list, folder: Path) -> None:

@@ -316,10 +316,12 @@ def _states_a_lane(score: StillScore) -> bool:
     return not score.prediction.empty
 
 
-def score_tables(scores: Sequence[StillScore]) -> dict[str, Table]:
+def score_tables(
+    scores: Sequence[StillScore], max_worst: int = _MAX_WORST
+) -> dict[str, Table]:
     """Scores, lateral errors and reliability of all stills and of each top folder.
 
-    Also the scores of the worst stills.
+    Also the scores of the `max_worst` worst stills.
     """
     of_folder: dict[str, list[StillScore]] = {"all": list(scores)}
     for score in scores:
@@ -337,7 +339,7 @@ def score_tables(scores: Sequence[StillScore]) -> dict[str, Table]:
 
     row_of = {score.label.name: summarize([score]) for score in scores}
     worst = sorted(row_of, key=lambda name: _rank(row_of[name]))
-    tables["worst stills"] = {name: row_of[name] for name in worst[:_MAX_WORST]}
+    tables["worst stills"] = {name: row_of[name] for name in worst[:max_worst]}
     return tables
 
 

@@ -32,14 +32,9 @@ from benchmark.evaluation import (
     read_truth,
     run_systems,
 )
-from benchmark.real_roads import (
-    WAYS,
-    RoadSet,
-    ScoredLane,
-    add_road_arguments,
-    choose_road_sets,
-    score_sets,
-)
+from benchmark.real_roads.scored import ScoredLane
+from benchmark.real_roads.sets import RoadSet, add_road_arguments, choose_road_sets
+from benchmark.real_roads.ways import WAYS, score_sets
 from benchmark.scores import frame_clusters, mean_interval, score
 from benchmark.systems import TRACKER
 from benchmark.tables import markdown_row, markdown_table

@@ -25,13 +25,12 @@ import numpy as np
 
 from benchmark.errors import LaneTruth, frame_errors
 from benchmark.estimates import DriveEstimates
-from benchmark.real_roads import (
-    WAYS,
+from benchmark.real_roads.sets import (
     RoadSet,
     add_processing_arguments,
     read_road_sets,
-    score_set,
 )
+from benchmark.real_roads.ways import WAYS, score_set
 from benchmark.scores import mean_interval
 from benchmark.systems import PROJECTED_AT_M, lane_estimate, project_lines
 from lanes.camera.field_of_view import DEFAULT_HFOV_DEG

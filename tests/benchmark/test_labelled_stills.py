@@ -14,16 +14,15 @@ import numpy as np
 import pytest
 
 from benchmark.consistency import z_summary
-from benchmark.real_roads import (
+from benchmark.real_roads.scored import (
     LABEL_STD_PX,
-    RoadSet,
     ScoredLane,
     all_z,
-    describe,
-    read_road_sets,
     score_lane,
-    score_set,
 )
+from benchmark.real_roads.sets import RoadSet, read_road_sets
+from benchmark.real_roads.tables import describe
+from benchmark.real_roads.ways import score_set
 from lanes.camera.model import Camera, save_camera
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence

@@ -10,7 +10,7 @@ import pytest
 
 from benchmark.errors import FrameErrors, LaneTruth
 from benchmark.evaluation import drive_from_video, prepare_drive
-from benchmark.real_roads import ScoredLane
+from benchmark.real_roads.scored import ScoredLane
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.markings import finer_view
 from lanes.labels import EGO_SIDES, LaneColumns
