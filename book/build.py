@@ -40,6 +40,7 @@ SECTIONS = {
     ],
     "Quality": [
         "docs/benchmark/README",
+        "docs/found_roads",
         "docs/cameras",
         "docs/robustness",
         "docs/ablation",

@@ -92,7 +92,7 @@ def read_manifest(path: Path = MANIFEST) -> list[Source]:
 def pixels_hash(image: np.ndarray) -> str:
     """32 hexadecimal digits that change with any pixel of an RGB image, uint8."""
     digest = hashlib.sha256(str(image.shape).encode())
-    digest.update(np.ascontiguousarray(image))
+    digest.update(image.tobytes())
     return digest.hexdigest()[:32]
 
 

@@ -22,6 +22,7 @@ from lanes.files import require_no_input_among
 from lanes.labels import read_predictions
 from lanes.score import (
     StillScore,
+    Table,
     describe_predictions,
     reliability,
     score_still,
@@ -81,7 +82,7 @@ def report(sets: Sequence[RoadSet], file: Path, page: Path) -> None:
     for what, some in describe_predictions(labels, found, pictures):
         if some:
             notes += f"note: {len(some)} of {len(labels)} {what}\n"
-    tables = {"sets": set_rows(sets, file.stem, scored)}
+    tables: dict[str, Table] = {"sets": set_rows(sets, file.stem, scored)}
     tables |= score_tables(scores, max_worst=len(scores))
     title = f"{file} on {sets[0].folder}"
     written = write_score_page(page, scores, pictures, tables, title=title, notes=notes)

@@ -19,6 +19,7 @@ import course
 import helpers
 import lanes
 from benchmark.consistency import consistency_table
+from benchmark.real_roads.published import confidence_table, points_table
 from benchmark.tables import read_scores
 from lanes.__main__ import COMMANDS
 from tests.support.painted_roads import LaneRoad, paint_lane
@@ -28,7 +29,7 @@ from tools.course_hours import hours_table, measure_chapters
 # Commands that are modules, imported when needed; those of `lanes` are classes.
 MODULES = {
     "benchmark": "benchmark.__main__",
-    "benchmark.real_roads": "benchmark.real_roads",
+    "benchmark.real_roads": "benchmark.real_roads.__main__",
     "course.grading": "course.grading.__main__",
     "simulator": "simulator.__main__",
     "tools.ablation": "tools.ablation",
@@ -89,11 +90,13 @@ each_page = pytest.mark.parametrize("page", PAGES, ids=name_of)
 @cache
 def options_of(command: str) -> set[str]:
     source = COMMANDS.get(command) or import_module(MODULES[command])
-    parser = argparse.ArgumentParser()
-    source.add_arguments(parser)
     options = set()
-    for action in parser._actions:
-        options.update(action.option_strings)
+    # a program of several commands, or one
+    for one in getattr(source, "COMMANDS", {"": source}).values():
+        parser = argparse.ArgumentParser()
+        one.add_arguments(parser)
+        for action in parser._actions:
+            options.update(action.option_strings)
     return options
 
 
@@ -272,6 +275,12 @@ def test_the_table_of_uncertainties_is_that_of_the_benchmark():
     rows = read_scores(BENCHMARK / "consistency.csv", "nees_mean")
     table = consistency_table(rows).splitlines()
     assert set(table) <= set(read(BENCHMARK / "README.md").splitlines())
+
+
+@pytest.mark.parametrize("table", [points_table, confidence_table])
+def test_the_tables_of_found_roads_are_those_of_the_published_lanes(table):
+    """`python -m benchmark.real_roads.published` prints them."""
+    assert table() in read(ROOT / "docs" / "found_roads.md")
 
 
 def test_the_table_of_hours_is_that_of_the_notebook():
