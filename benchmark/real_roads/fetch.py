@@ -34,10 +34,15 @@ from benchmark.real_roads.sets import LABELS
 from lanes.console import progress_line
 from lanes.describe import format_table
 from lanes.errors import LaneError
-from lanes.files import read_json_lines, write_atomically, write_json_lines
+from lanes.files import (
+    read_json_lines,
+    translate_write_errors,
+    write_atomically,
+    write_json_lines,
+)
 from lanes.labels import read_labels
 from lanes.video.images import read_image, write_image
-from lanes.video.reader import open_video
+from lanes.video.reader import decode_frames, open_video
 
 EXAMPLES = """\
   {program} found_roads
@@ -53,6 +58,7 @@ _GIT = (
 )
 _LICENCE_STEMS = ("licence", "license", "copying")
 NOT_STATED = "not stated"
+_REASON_LENGTH = 150
 TERMS = (
     "The images stay the property of their owners, under the licences that the "
     "repositories state (in licences/). No right to hand them on was given to us or "
@@ -75,7 +81,7 @@ class Fetched:
     repo: str
     found: dict[str, str] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
-    licence: str = ""
+    licence: str = "not known"
 
 
 def fetch_stills(
@@ -101,7 +107,8 @@ def fetch_stills(
         _look_up(folder, wanted, fetched)
         if len(fetched.found) < len(wanted):
             _fetch_repository(folder, wanted, mirror, fetched)
-        fetched.licence = _first_line(_licence_file(folder, repo))
+        if fetched.found:
+            fetched.licence = _first_line(_licence_file(folder, repo))
         results.append(fetched)
         done += len(wanted)
         if progress:
@@ -133,10 +140,10 @@ def _fetch_repository(
         clone = Path(temporary)
         try:
             _fetch_commit(clone, missing[0], mirror)
+            _keep_licence(clone, _licence_file(folder, fetched.repo))
         except FetchError as error:
             fetched.missing |= {source.file: str(error) for source in missing}
             return
-        _keep_licence(clone, _licence_file(folder, fetched.repo))
         for path in dict.fromkeys(source.path for source in missing):
             of_path = [source for source in missing if source.path == path]
             try:
@@ -169,7 +176,13 @@ def _git(clone: Path, *words: str) -> str:
     environment = os.environ | {"GIT_TERMINAL_PROMPT": "0", "LC_ALL": "C"}
     command = [*_GIT, "-C", str(clone), *words]
     try:
-        done = subprocess.run(command, env=environment, capture_output=True, text=True)
+        done = subprocess.run(
+            command,
+            env=environment,
+            capture_output=True,
+            encoding="utf-8",
+            errors="replace",
+        )
     except FileNotFoundError as error:
         raise FetchError("git is not installed") from error
     if done.returncode:
@@ -210,7 +223,8 @@ def _cut_frames(video: Path, sources: Sequence[Source]) -> dict:
     name_of = {source.frame: source.file for source in sources}
     images = {}
     with open_video(video) as container:
-        for number, frame in enumerate(container.decode(video=0)):
+        frames = decode_frames(container, container.streams.video[0])
+        for number, frame in enumerate(frames):
             if number in name_of:
                 images[name_of[number]] = frame.to_ndarray(format="rgb24")
             if len(images) == len(name_of):
@@ -253,7 +267,7 @@ def describe_fetched(results: Sequence[Fetched]) -> str:
         counts = [stills, likenesses.count(EXACT), likenesses.count(CLOSE)]
         rows[one.repo] = [*map(str, counts), str(len(one.missing)), one.licence]
         for reason in one.missing.values():
-            words = f"{one.repo}: {reason}"
+            words = f"{one.repo}: {reason:.{_REASON_LENGTH}}"
             reasons[words] = reasons.get(words, 0) + 1
     table = format_table(("stills", EXACT, CLOSE, "missing", "licence"), rows)
     lines = [f"{count} missing, {words}" for words, count in reasons.items()]
@@ -262,7 +276,8 @@ def describe_fetched(results: Sequence[Fetched]) -> str:
 
 def require_own_folder(folder: Path) -> None:
     """Create the folder; ValueError if it has labels of other stills."""
-    folder.mkdir(parents=True, exist_ok=True)
+    with translate_write_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
     file = folder / LABELS
     if not file.is_file():
         return

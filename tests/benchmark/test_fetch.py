@@ -196,6 +196,22 @@ def test_a_frame_beyond_the_end_is_named(mirror, tmp_path):
     assert fetched.missing == {"road/1.png": "drive.mp4 has no frame 99"}
 
 
+def test_a_video_that_is_cut_off_has_the_frames_before(tmp_path):
+    repository = tmp_path / "mirror" / REPO
+    repository.mkdir(parents=True)
+    # a transport stream needs no index at its end
+    frames = [BENDS.frame(number / 5) for number in range(6)]
+    whole = write_clip(tmp_path / "whole.ts", frames)
+    early = source_of(decoded(whole, 1), "road/1.png", "drive.ts", frame=1, clip="a.ts")
+    late = source_of(decoded(whole, 5), "road/5.png", "drive.ts", frame=5, clip="a.ts")
+    video = whole.read_bytes()
+    (repository / "drive.ts").write_bytes(video[: len(video) // 2])
+    commit(repository)
+    (fetched,) = fetch_stills(tmp_path, [early, late], str(tmp_path / "mirror"))
+    assert fetched.found == {"road/1.png": EXACT}
+    assert fetched.missing == {"road/5.png": "drive.ts has no frame 5"}
+
+
 def test_another_image_is_not_kept(mirror, tmp_path):
     other = source_of(np.full((360, 640, 3), 9, np.uint8), "road/0.jpg", "")
     fetched = mirror.fetch(
@@ -255,10 +271,20 @@ def test_the_table_has_the_licence_that_a_repository_states(mirror, tmp_path):
 
 
 def test_a_repository_without_a_licence_states_none(mirror, tmp_path):
+    repository = tmp_path / "mirror" / REPO
+    repository.mkdir(parents=True)
+    write_image(repository / "still.png", BENDS.frame(0.0))
+    source = source_of(
+        BENDS.frame(0.0), "road/0.png", "still.png", commit=commit(repository)
+    )
+    (fetched,) = fetch_stills(tmp_path, [source], str(tmp_path / "mirror"))
+    assert fetched.licence == NOT_STATED
+
+
+def test_the_reasons_of_what_is_missing_are_counted():
     missing = Fetched("gone/away", missing={"a": "not found", "b": "not found"})
-    missing.licence = NOT_STATED
     *_, row, reason = describe_fetched([missing]).splitlines()
-    assert row.split()[1:] == ["2", "0", "0", "2", "not", "stated"]
+    assert row.split()[1:] == ["2", "0", "0", "2", "not", "known"]
     assert reason == "2 missing, gone/away: not found"
 
 
