@@ -5,7 +5,12 @@ and measures the engine. The manifest and the labels are files of this folder.
 """
 
 from benchmark.real_roads.scored import ScoredLane, score_lane
-from benchmark.real_roads.sets import RoadSet, choose_road_sets, read_road_sets
+from benchmark.real_roads.sets import (
+    RoadSet,
+    add_road_arguments,
+    choose_road_sets,
+    read_road_sets,
+)
 from benchmark.real_roads.tables import describe
 from benchmark.real_roads.ways import CLIPS, OWN, SET, WAYS, score_set, score_sets
 
@@ -16,6 +21,7 @@ __all__ = [
     "WAYS",
     "RoadSet",
     "ScoredLane",
+    "add_road_arguments",
     "choose_road_sets",
     "describe",
     "read_road_sets",
