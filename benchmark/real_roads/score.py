@@ -15,7 +15,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from benchmark.real_roads.scored import ScoredLane
-from benchmark.real_roads.sets import RoadSet, add_set_arguments, read_road_sets
+from benchmark.real_roads.sets import (
+    LABELS,
+    OFFICIAL,
+    RoadSet,
+    add_set_arguments,
+    read_road_sets,
+)
 from benchmark.real_roads.tables import describe, set_rows
 from lanes.describe import format_table, number_cells
 from lanes.files import require_no_input_among
@@ -126,7 +132,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Print the scores, and write the page."""
-    require_no_input_among([options.output], [options.predictions])
-    sets = [one for one in read_road_sets(options.folder) if one.half in options.half]
+    folder = options.folder
+    sets = [one for one in read_road_sets(folder) if one.half in options.half]
+    stills = [folder / label.name for one in sets for label in one.labels]
+    inputs = [options.predictions, folder / LABELS, folder / OFFICIAL, *stills]
+    require_no_input_among([options.output], inputs)
     report(sets, options.predictions, options.output)
     return 0

@@ -16,7 +16,6 @@ from benchmark.real_roads.manifest import HERE, OFFICIAL_LABELS, VERSION, read_m
 from benchmark.real_roads.published import describe_effect, published_sets
 from benchmark.real_roads.sets import read_road_sets
 from lanes.labels import read_labels
-from lanes.video.images import kind_of_file
 from tests.benchmark.test_labelled_stills import CAMERAS, write_lines, write_still
 from tests.support.project import ROOT
 
@@ -104,11 +103,14 @@ def test_a_half_has_its_sets_only(folder, capsys):
     assert printed == {name for name in halves if halves[name] == halves["low"]}
 
 
-def test_the_predictions_are_not_overwritten(folder, capsys):
+@pytest.mark.parametrize("name", ["lanes.jsonl", "labels.jsonl", "low/0.png"])
+def test_an_input_is_not_overwritten(folder, name, capsys):
     write_lines(folder / "lanes.jsonl", labels_of(folder))
-    file = str(folder / "lanes.jsonl")
-    assert main(["score", str(folder), file, "-o", file]) == 2
+    before = (folder / name).read_bytes()
+    words = [str(folder), str(folder / "lanes.jsonl"), "-o", str(folder / name)]
+    assert main(["score", *words]) == 2
     assert "would be overwritten" in capsys.readouterr().err
+    assert (folder / name).read_bytes() == before
 
 
 @pytest.mark.slow
@@ -185,10 +187,10 @@ def test_each_still_that_is_ours_has_a_label():
     assert labelled == ours
 
 
-def test_no_image_is_published():
+def test_no_image_and_no_page_with_images_is_published():
     listed = ["git", "-C", str(ROOT), "ls-files", str(HERE)]
     files = subprocess.run(listed, capture_output=True, text=True).stdout.split()
-    assert not [file for file in files if kind_of_file(file)]
+    assert {Path(file).suffix for file in files} <= {".py", ".jsonl", ".md"}
 
 
 def test_the_citation_has_the_version_of_the_benchmark():
