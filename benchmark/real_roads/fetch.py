@@ -19,6 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+import numpy as np
+
 from benchmark.real_roads.manifest import (
     CLOSE,
     EXACT,
@@ -42,7 +44,7 @@ from lanes.files import (
 )
 from lanes.labels import read_labels
 from lanes.video.images import read_image, write_image
-from lanes.video.reader import decode_frames, open_video
+from lanes.video.reader import decode_packet, open_video, read_packets
 
 EXAMPLES = """\
   {program} found_roads
@@ -214,19 +216,21 @@ def _keep(
         fetched.found[source.file] = likeness
 
 
-def _cut_frames(video: Path, sources: Sequence[Source]) -> dict:
+def _cut_frames(video: Path, sources: Sequence[Source]) -> dict[str, np.ndarray]:
     """RGB images of the frames by the names of the stills, without those beyond the
     end.
 
     They are as stored: not turned, and not enlarged to square pixels.
     """
     name_of = {source.frame: source.file for source in sources}
-    images = {}
+    images: dict[str, np.ndarray] = {}
+    number = 0
     with open_video(video) as container:
-        frames = decode_frames(container, container.streams.video[0])
-        for number, frame in enumerate(frames):
-            if number in name_of:
-                images[name_of[number]] = frame.to_ndarray(format="rgb24")
+        for packet in read_packets(container, container.streams.video[0]):
+            for frame in decode_packet(packet):
+                if number in name_of:
+                    images[name_of[number]] = frame.to_ndarray(format="rgb24")
+                number += 1
             if len(images) == len(name_of):
                 break
     return images
