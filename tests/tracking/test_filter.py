@@ -48,10 +48,14 @@ LANE_BEFORE = a_lane(
 
 def state_with(**car: float) -> State:
     estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0)
-    places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "aim": CAMERA_YAW}
+    places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "yaw": CAMERA_YAW}
     for name, value in car.items():
         estimate.mean[places[name]] = value
     return estimate
+
+
+def std_of(estimate: State) -> np.ndarray:
+    return np.sqrt(np.diag(estimate.covariance))
 
 
 def test_straight_driving_along_a_bend():
@@ -74,59 +78,76 @@ def test_straight_driving_along_a_bend():
     )
 
 
+# The rear axle stays on its circle: the camera runs at lever / radius to the road. At
+# motorway speed tyre slip turns the whole car along the road.
 @pytest.mark.parametrize(("speed_mps", "lever_m"), [(2.0, 1.6), (25.0, 0.0)])
-def test_the_camera_of_a_slow_car_swings_to_the_inside_of_a_bend(speed_mps, lever_m):
-    """The rear axle stays on its circle: the camera keeps its place in a road that runs
-    at lever / radius to the car.
+class TestCameraOfACarInABend:
+    @pytest.fixture
+    def estimate(self, speed_mps, lever_m) -> State:
+        lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
+        return initial_state(lane, COVARIANCE, speed_mps)
 
-    At motorway speed tyre slip turns the whole car along the road.
-    """
-    lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
-    estimate = initial_state(lane, COVARIANCE, speed_mps)
-    assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
-    # the course says so, too; errors of heading and path that compensate each other do
-    # not make it uncertain
-    errors = np.zeros(len(estimate.mean))
-    errors[[HEADING, PATH]] = lever_m, 1
-    motion = car_motion(
-        State(
-            estimate.mean + 0.1 * (np.arange(len(errors)) == CAMERA_YAW),
-            np.outer(errors, errors),
-        )
-    )
-    assert (motion.course_rad, motion.course_std_rad) == pytest.approx(
-        (0.1 + lever_m / 20, 0.0), abs=0.02
-    )
+    def test_keeps_its_place_in_the_lane(self, estimate):
+        assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
+
+    def test_has_its_angle_in_the_course(self, estimate, lever_m):
+        """Errors of heading and path that compensate each other do not make it
+        uncertain.
+        """
+        errors = np.zeros(len(estimate.mean))
+        errors[[HEADING, PATH]] = lever_m, 1
+        mean = estimate.mean.copy()
+        mean[CAMERA_YAW] += 0.1
+        motion = car_motion(State(mean, np.outer(errors, errors)))
+        assert motion.course_rad == pytest.approx(0.1 + lever_m / 20, abs=0.02)
+        assert motion.course_std_rad == pytest.approx(0.0, abs=0.02)
 
 
-def test_the_springs_relax_the_camera_yaw_moves_nothing_and_no_car_is_faster_than_its_bend_allows():
-    after = predict(state_with(path=2e-3, rest=0.0, aim=0.02), 0.1).mean
-    assert (after[WIDTH], after[CENTRE]) == (3.6, pytest.approx(0.3, abs=1e-9))
-    assert 0 < after[PITCH] < 0.004
+def test_a_car_begins_at_rest_on_its_springs():
+    assert state_with().mean[REST_PITCH] == LANE_BEFORE[PITCH]
+
+
+def test_the_springs_return_the_pitch_to_rest():
+    after = predict(state_with(rest=0.0), 0.1).mean
+    assert 0 < after[PITCH] < LANE_BEFORE[PITCH]
+
+
+def test_the_yaw_of_the_camera_moves_no_lane():
+    """The car drives along its lane, which the camera sees turned."""
+    after = predict(state_with(path=2e-3, yaw=0.02), 0.1).mean
+    assert after[WIDTH] == 3.6
+    assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
+
+
+def test_the_curvature_changes_by_its_rate_times_the_distance():
+    after = predict(state_with(), 0.1).mean
     assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 2)
-    assert state_with().mean[REST_PITCH] == 0.004
-    assert all(
-        initial_state(a_lane(curvature=side / 24), COVARIANCE, None).mean[SPEED] <= 12.0
-        for side in (1, -1)
-    )
 
 
-def test_uncertainty_grows_and_a_standing_car_keeps_the_road():
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_track_begins_no_faster_than_its_bend_allows(side):
+    lane = a_lane(curvature=side / 24)
+    assert initial_state(lane, COVARIANCE, None).mean[SPEED] <= 12.0
+
+
+def test_uncertainty_grows_with_time():
     estimate = state_with()
     later = predict(estimate, 0.04)
-    assert np.all(np.diag(later.covariance)[:3] > np.diag(estimate.covariance)[:3])
-    standing = predict(state_with(speed=0.0), 0.04)
-    kept = [WIDTH, CURVATURE, RATE]
-    np.testing.assert_allclose(
-        np.diag(standing.covariance)[kept], np.diag(estimate.covariance)[kept]
-    )
-    settings = FilterSettings(
-        tangent_mps=99.0, width_m_per_m=0.5, given_speed_std_mps=3.0
-    )
-    other = predict(estimate, 0.04, settings, speed_mps=20.0)
-    assert (np.diag(other.covariance)[[WIDTH, SPEED]] > (0.1, 8.9)).all()
-    assert other.mean[CENTRE] != later.mean[CENTRE]
+    assert (std_of(later)[:3] > std_of(estimate)[:3]).all()
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
+
+
+@pytest.mark.parametrize("number", [WIDTH, CURVATURE, RATE])
+def test_a_standing_car_keeps_the_road(number):
+    standing = predict(state_with(speed=0.0), 0.04)
+    assert std_of(standing)[number] == pytest.approx(std_of(state_with())[number])
+
+
+def test_a_given_speed_is_as_uncertain_as_the_settings_say():
+    settings = FilterSettings(given_speed_std_mps=3.0)
+    after = predict(state_with(), 0.04, settings, speed_mps=21.0)
+    assert after.mean[SPEED] == 21.0
+    assert std_of(after)[SPEED] == pytest.approx(3.0)
 
 
 @pytest.mark.parametrize("side", [1, -1])
@@ -153,23 +174,34 @@ def test_update_equals_the_textbook_kalman_update():
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_the_adjacent_lane_has_its_own_width_and_the_way_back_restores_the_state(side):
-    estimate = state_with()
-    estimate.mean[ADJACENT] = 0.3, -0.2
-    there = to_adjacent_lane(estimate, side, RoadPrior())
-    wider = 0.3 if side > 0 else -0.2
-    assert there.mean[WIDTH] == pytest.approx(3.6 + wider)
-    assert there.mean[CENTRE] == pytest.approx(0.3 + side * (3.6 + wider / 2))
-    back = to_adjacent_lane(there, -side, RoadPrior())
-    np.testing.assert_allclose(
-        back.mean[[CENTRE, WIDTH]], estimate.mean[[CENTRE, WIDTH]]
-    )
-    np.testing.assert_allclose(
-        np.diag(back.covariance)[:2], np.diag(estimate.covariance)[:2]
-    )
-    assert there.covariance[ADJACENT, ADJACENT].max() == pytest.approx(
-        RoadPrior().adjacent_m[1] ** 2
-    )
+class TestAdjacentLane:
+    """The lane to the left is 0.3 m wider, that to the right 0.2 m narrower."""
+
+    @pytest.fixture
+    def estimate(self) -> State:
+        estimate = state_with()
+        estimate.mean[ADJACENT] = 0.3, -0.2
+        return estimate
+
+    @pytest.fixture
+    def there(self, estimate, side) -> State:
+        return to_adjacent_lane(estimate, side, RoadPrior())
+
+    def test_has_its_own_width_and_place(self, there, side):
+        wider_m = 0.3 if side > 0 else -0.2
+        assert there.mean[WIDTH] == pytest.approx(3.6 + wider_m)
+        centre_m = 0.3 + side * (3.6 + wider_m / 2)
+        assert there.mean[CENTRE] == pytest.approx(centre_m)
+
+    def test_the_way_back_restores_centre_and_width(self, estimate, there, side):
+        back = to_adjacent_lane(there, -side, RoadPrior())
+        both = [CENTRE, WIDTH]
+        np.testing.assert_allclose(back.mean[both], estimate.mean[both])
+        np.testing.assert_allclose(std_of(back)[both], std_of(estimate)[both])
+
+    def test_the_lane_beyond_it_is_as_unknown_as_any(self, there):
+        _, std_m, _ = RoadPrior().adjacent_m
+        assert std_of(there)[ADJACENT].max() == pytest.approx(std_m)
 
 
 @pytest.mark.parametrize("curvature", [0.0, 1 / 40])
