@@ -169,12 +169,15 @@ def require_as_serial(many: Path, video: Path, serial: Path) -> None:
         np.testing.assert_array_equal(found[name], expected[name], err_msg=name)
 
 
-@pytest.fixture
-def gray(tmp_path) -> Path:
+def write_gray(path: Path) -> Path:
     """A road without a lane, where two frames are missing."""
     images = [np.full((432, 768, 3), 128, np.uint8)] * 5
-    path = tmp_path / "a gray=road.avi"
     return encode(path, images, "mjpeg", "yuvj420p", numbers=(0, 1, 4, 5, 6))
+
+
+@pytest.fixture
+def gray(tmp_path) -> Path:
+    return write_gray(tmp_path / "a gray=road.avi")
 
 
 @pytest.fixture
@@ -198,31 +201,53 @@ def test_failed_drives_are_named_and_the_others_go_on(
     }
 
 
-def test_failed_drives_and_bad_tracks_come_first_in_the_table(
-    video, gray, empty, tmp_path
-):
-    output = tmp_path / "out"
-    other = tmp_path / "also empty.mp4"
-    other.touch()
-    videos = [video, gray, empty, other]
-    _, failures = annotate_many(videos, settings_for(output), workers=2)
-    *failed, worst, best = summary(output)
-    assert [row["drive"] for row in failed] == ["also empty", "empty"]
-    assert {row["state"] for row in failed} == {"failed"}
-    assert {row["reason"] for row in failed} == {str(failure) for failure in failures}
-    assert [row["source"] for row in failed] == [str(other), str(empty)]
-    assert worst["drive"] == "a gray=road"
-    assert worst["source"] == str(gray)
-    assert worst["state"] == "finished"
-    assert float(worst["tracked_share"]) == 0
-    assert float(worst["lost_s"]) == pytest.approx(0.28)
-    assert float(worst["length_s"]) == pytest.approx(0.28)
-    assert (worst["frames"], worst["missing"]) == ("5", "2")
-    assert best["drive"] == "drive0"
-    assert float(best["lost_s"]) == pytest.approx(0, abs=0.11)
-    assert (best["frames"], best["missing"]) == (str(FRAMES), "0")
-    assert float(best["length_s"]) == pytest.approx(FRAMES / 25)
-    assert float(best["tracked_share"]) > 0.8
+class TestTable:
+    """Of two empty videos, a gray one and a road."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def folder(cls, drives, tmp_path_factory) -> Path:
+        folder = tmp_path_factory.mktemp("table")
+        shutil.copy(drives / "drive0.mp4", folder)
+        write_gray(folder / "a gray=road.avi")
+        for name in ("empty.mp4", "also empty.mp4"):
+            (folder / name).touch()
+        return folder
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def failures(cls, folder) -> list[Exception]:
+        videos = [path for path in folder.iterdir() if path.is_file()]
+        settings = settings_for(folder / "out")
+        _, failures = annotate_many(videos, settings, workers=2)
+        return failures
+
+    @pytest.fixture
+    def rows(self, folder, failures) -> list[dict[str, str]]:
+        return summary(folder / "out")
+
+    def test_failed_drives_and_bad_tracks_come_first(self, rows, folder):
+        found = [(row["state"], row["drive"], row["source"]) for row in rows]
+        assert found == [
+            ("failed", "also empty", str(folder / "also empty.mp4")),
+            ("failed", "empty", str(folder / "empty.mp4")),
+            ("finished", "a gray=road", str(folder / "a gray=road.avi")),
+            ("finished", "drive0", str(folder / "drive0.mp4")),
+        ]
+
+    def test_failed_drives_have_their_reasons(self, rows, failures):
+        assert {row["reason"] for row in rows[:2]} == set(map(str, failures))
+
+    def test_finished_drives_have_their_measures(self, rows):
+        of_drive = {}
+        for row in rows[2:]:
+            names = ("frames", "missing", "length_s", "lost_s", "tracked_share")
+            of_drive[row["drive"]] = [float(row[name]) for name in names]
+        assert of_drive["a gray=road"] == pytest.approx([5, 2, 0.28, 0.28, 0])
+        frames, missing, length_s, lost_s, tracked = of_drive["drive0"]
+        assert (frames, missing, length_s) == pytest.approx((FRAMES, 0, FRAMES / 25))
+        assert lost_s <= 0.11
+        assert tracked > 0.8
 
 
 # Faults that may pass.
