@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from lanes.detect.lane import Lane
 from lanes.detect.road import CENTRE, WIDTH
 from lanes.tracking.departure import (
     Departure,
@@ -30,14 +31,8 @@ def lane_at(
 
 
 def car(speed_mps: float, **motion: float) -> CarMotion:
-    certain = dict(
-        path_per_m=0.0,
-        course_rad=0.0,
-        turning_std_per_m=0.0,
-        course_std_rad=0.0,
-        speed_std_mps=0.0,
-    )
-    return CarMotion(speed_mps, **{**certain, **motion})
+    names = [entry.name for entry in fields(CarMotion)[1:]]
+    return CarMotion(speed_mps, **dict.fromkeys(names, 0.0) | motion)
 
 
 BEND = lane_at(0.0, heading_rad=0.01, curvature_per_m=1 / 400)
@@ -115,17 +110,20 @@ def test_distances_are_those_of_the_tyres_and_not_of_the_camera():
     )
 
 
-def test_uncertainty_suppresses_the_warning():
-    lane = lane_at(0.0, -0.05)
-    assert watch_departure(lane, car(20.0)).due
-    unsure = watch_departure(lane, car(20.0, course_std_rad=0.03))
-    assert not unsure.due
-    assert (
-        unsure.time_to_crossing_s == watch_departure(lane, car(20.0)).time_to_crossing_s
-    )
-    bend = lane_at(0.0, 0.01, 1 / 80)
-    assert watch_departure(bend, car(15.0)).due
-    assert not watch_departure(bend, car(15.0, turning_std_per_m=0.01)).due
+@pytest.mark.parametrize(
+    ("lane", "speed_mps", "unsure"),
+    [
+        (lane_at(0.0, -0.05), 20.0, {"course_std_rad": 0.03}),
+        (lane_at(0.0, 0.01, 1 / 80), 15.0, {"turning_std_per_m": 0.01}),
+    ],
+    ids=["course", "turning"],
+)
+def test_uncertainty_suppresses_the_warning_but_not_the_time(lane, speed_mps, unsure):
+    certain = watch_departure(lane, car(speed_mps))
+    uncertain = watch_departure(lane, car(speed_mps, **unsure))
+    assert certain.due
+    assert not uncertain.due
+    assert uncertain.time_to_crossing_s == certain.time_to_crossing_s
 
 
 def watched(
@@ -133,9 +131,10 @@ def watched(
 ) -> list[Departure]:
     """The departures in frames of a number of seconds."""
     watch = DepartureWatch()
+    elapsed_s = [0.0] + [step_s] * (len(lanes) - 1)
     return [
-        watch.update(lane, motion, SMALL, step_s if n else 0.0)
-        for n, lane in enumerate(lanes)
+        watch.update(lane, motion, SMALL, after_s)
+        for lane, after_s in zip(lanes, elapsed_s, strict=True)
     ]
 
 
@@ -143,18 +142,22 @@ def test_a_motion_that_is_not_seen_is_no_departure():
     """With a wrong yaw the heading says 0.6 m/s towards the line, but the car stays
     where it is.
     """
-    heading = -0.03
-    still = watched([lane_at(-0.6, heading)] * 50, car(20.0))
+    still = watched([lane_at(-0.6, -0.03)] * 50, car(20.0))
     assert not any(departure.due for departure in still)
     assert still[-1].time_to_crossing_s < 1.0
-    for step_s in (0.02, 0.08):  # at 0.6 m/s
-        settled = [lane_at(-0.2, heading)] * round(1.2 / step_s)
-        approach = [lane_at(-0.2 - 0.6 * step_s * n, heading) for n in range(60)]
-        moving = watched(settled + approach, car(20.0), step_s)
-        first = next(departure for departure in moving if departure.due)
-        # foreseen for 0.5 s, at any frame rate
-        assert first.left_m == pytest.approx(0.27, abs=0.07)
-        assert first.side == "left"
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.08])
+def test_a_motion_that_is_seen_is_a_departure_after_half_a_second(step_s):
+    """At 0.6 m/s, at any frame rate."""
+    settled = [lane_at(-0.2, -0.03)] * round(1.2 / step_s)
+    moving = watched(settled + approach(-0.2, step_s), car(20.0), step_s)
+    first = next(departure for departure in moving if departure.due)
+    assert first.left_m == pytest.approx(0.27, abs=0.07)
+    assert first.side == "left"
+
+
+def test_a_motion_that_is_seen_for_a_moment_is_no_departure():
     short = watched([lane_at(-0.6 - 0.04 * n, -0.05) for n in range(12)], car(20.0))
     assert not any(departure.due for departure in short)
 
@@ -186,56 +189,95 @@ def test_no_departure_is_due_in_the_first_second_after_a_new_width():
     assert late_s.max() > 0.04 * begin + 1.5
 
 
-@pytest.mark.parametrize(
-    ("speed_mps", "due_in_the_middle"), [(0.75, False), (1.5, True)]
-)
-def test_after_a_lane_change_the_motion_is_still_seen(speed_mps, due_in_the_middle):
-    """The car drifts on to the left into the adjacent lane; the warning comes as early
-    as in the first one.
-    """
-    centres = np.arange(1.8, -5.2, -speed_mps * 0.04)
-    lanes = [
-        lane_at(centre + 3.6 * (centre < -1.9), -speed_mps / 20.0) for centre in centres
-    ]
-    departures = np.array(watched(lanes, car(20.0)))
-    of_lanes = departures[centres >= -1.9], departures[centres < -1.9]
-    first, second = (next(one for one in of_lane if one.due) for of_lane in of_lanes)
-    assert first.side == second.side == "left"
-    assert 0 < first.time_to_crossing_s < 1.0
-    assert second.left_m == pytest.approx(first.left_m, abs=0.05)
-    assert of_lanes[0][-1].due
-    assert of_lanes[1][-1].due
-    assert departures[np.abs(centres + 3.6).argmin()].due == due_in_the_middle
+class TestLaneChange:
+    """The car drifts on to the left into the adjacent lane."""
 
-
-def test_tyres_on_a_line_in_most_frames_are_those_of_another_car():
-    rows = {
-        "offset_m": np.full(100, 0.7),
-        "lane_width_m": np.full(100, 3.0),
-        "confidence": np.full(100, 0.9),
+    CENTRES_M = {
+        speed_mps: np.arange(1.8, -5.2, -0.04 * speed_mps) for speed_mps in (0.75, 1.5)
     }
-    words = describe_crossings(rows, 1.8)
-    assert words.startswith(
-        "the tyres would be on a line in 100 of 100 frames if the car is 1.8 m"
-    )
-    assert "--camera-offset or --car-width" in words
-    assert describe_crossings(rows, 1.5) is None
-    assert describe_crossings({**rows, "confidence": np.full(100, 0.3)}, 1.8) is None
+
+    def departures(self, speed_mps: float) -> np.ndarray:
+        lanes = []
+        for centre_m in self.CENTRES_M[speed_mps]:
+            of_lane_m = centre_m + 3.6 * (centre_m < -1.9)
+            lanes.append(lane_at(of_lane_m, -speed_mps / 20.0))
+        return np.array(watched(lanes, car(20.0)))
+
+    @pytest.mark.parametrize("speed_mps", CENTRES_M)
+    def test_is_warned_of_as_early_as_in_the_first_lane(self, speed_mps):
+        departures = self.departures(speed_mps)
+        is_second = self.CENTRES_M[speed_mps] < -1.9
+        first, second = (
+            next(one for one in departures[of_lane] if one.due)
+            for of_lane in (~is_second, is_second)
+        )
+        assert first.side == second.side == "left"
+        assert 0 < first.time_to_crossing_s < 1.0
+        assert second.left_m == pytest.approx(first.left_m, abs=0.05)
+
+    @pytest.mark.parametrize("speed_mps", CENTRES_M)
+    def test_is_warned_of_until_the_line_is_crossed(self, speed_mps):
+        departures = self.departures(speed_mps)
+        is_second = self.CENTRES_M[speed_mps] < -1.9
+        assert departures[~is_second][-1].due
+        assert departures[-1].due
+
+    @pytest.mark.parametrize(("speed_mps", "due"), [(0.75, False), (1.5, True)])
+    def test_in_the_middle_of_the_lane_only_a_fast_one_is_warned_of(
+        self, speed_mps, due
+    ):
+        middle = np.abs(self.CENTRES_M[speed_mps] + 3.6).argmin()
+        assert self.departures(speed_mps)[middle].due == due
 
 
-def test_a_tracker_warns_only_of_a_confirmed_and_likely_lane():
-    """The car moves to the left line at 0.7 m/s in the first frame; the lane may still
-    be a wrong one.
-    """
-    motion = Motion(speed_mps=25.0, offset_m=0.36, shift_m=2.5, shift_start_s=-1.0)
-    drive = PaintedDrive(straight_road(), lane_lines(), motion, camera=SMALL)
-    tracker = LaneTracker(SMALL, fps=25)
-    watch = DepartureWatch()
-    lanes = [tracker.update(drive.frame(number / 25)) for number in range(32)]
-    for number, lane in enumerate(filter(None, lanes)):
-        raw = watch.update(lane.model, lane.motion, SMALL, 0.04 if number else 0.0)
-        sure = lane.state == "tracking" and lane.confidence >= 0.5
-        assert lane.departure.due == (raw.due and sure)
-    assert lanes[-1].departure.due
-    assert lanes[-1].departure.side == "left"
-    assert not lanes[0].departure.due
+class TestTyresOnALine:
+    """In most frames they are those of another car."""
+
+    @pytest.fixture
+    def rows(self) -> dict[str, np.ndarray]:
+        return {
+            "offset_m": np.full(100, 0.7),
+            "lane_width_m": np.full(100, 3.0),
+            "confidence": np.full(100, 0.9),
+        }
+
+    def test_are_described_with_what_to_do(self, rows):
+        words = describe_crossings(rows, 1.8)
+        assert words.startswith(
+            "the tyres would be on a line in 100 of 100 frames if the car is 1.8 m"
+        )
+        assert "--camera-offset or --car-width" in words
+
+    def test_are_not_those_of_a_narrow_car(self, rows):
+        assert describe_crossings(rows, 1.5) is None
+
+    def test_are_not_known_of_an_unlikely_lane(self, rows):
+        rows["confidence"][:] = 0.3
+        assert describe_crossings(rows, 1.8) is None
+
+
+class TestTrackerBesideALine:
+    """The car moves to the left line at 0.7 m/s from the first frame on."""
+
+    @pytest.fixture(scope="class")
+    @classmethod
+    def lanes(cls) -> list[Lane]:
+        motion = Motion(speed_mps=25.0, offset_m=0.36, shift_m=2.5, shift_start_s=-1.0)
+        drive = PaintedDrive(straight_road(), lane_lines(), motion, camera=SMALL)
+        tracker = LaneTracker(SMALL, fps=25)
+        return [tracker.update(drive.frame(number / 25)) for number in range(32)]
+
+    def test_warns_of_a_confirmed_and_likely_lane_only(self, lanes):
+        """The lane of the first frames may still be a wrong one."""
+        watch = DepartureWatch()
+        elapsed_s = 0.0
+        for lane in filter(None, lanes):
+            raw = watch.update(lane.model, lane.motion, SMALL, elapsed_s)
+            is_sure = lane.state == "tracking" and lane.confidence >= 0.5
+            assert lane.departure.due == (raw.due and is_sure)
+            elapsed_s = 0.04
+
+    def test_warns_of_the_left_line_in_the_end(self, lanes):
+        assert not lanes[0].departure.due
+        assert lanes[-1].departure.due
+        assert lanes[-1].departure.side == "left"
