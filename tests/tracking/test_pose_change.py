@@ -12,21 +12,31 @@ import pytest
 from lanes.pose.change import find_pose_change, find_wrong_yaw
 
 
-def test_a_short_drive_and_an_unsteady_yaw_are_no_wrong_yaw():
-    time_s = 100 + np.arange(0, 20, 0.1)
-    yaw_rad = np.full(200, 0.05)  # on the clock of the video
-    rows = {
-        "time_s": time_s,
-        "state": np.full(200, "tracking"),
-        "camera_yaw_rad": yaw_rad,
-    }
-    assert find_wrong_yaw(rows) == pytest.approx(-0.05)
-    assert find_wrong_yaw({name: column[:95] for name, column in rows.items()}) is None
-    assert find_wrong_yaw(rows | {"state": np.full(200, "lost")}) is None
-    assert (
-        find_wrong_yaw(rows | {"camera_yaw_rad": np.where(time_s < 115, 0.05, 0.0)})
-        is None
-    )
+class TestWrongYaw:
+    """The camera is turned in every frame of 20 seconds, on the clock of the video."""
+
+    @pytest.fixture
+    def rows(self) -> dict[str, np.ndarray]:
+        return {
+            "time_s": 100 + np.arange(0, 20, 0.1),
+            "state": np.full(200, "tracking"),
+            "camera_yaw_rad": np.full(200, 0.05),
+        }
+
+    def test_is_found(self, rows):
+        assert find_wrong_yaw(rows) == pytest.approx(-0.05)
+
+    def test_is_not_found_in_a_short_drive(self, rows):
+        short = {name: column[:95] for name, column in rows.items()}
+        assert find_wrong_yaw(short) is None
+
+    def test_is_not_found_without_a_lane(self, rows):
+        rows["state"][:] = "lost"
+        assert find_wrong_yaw(rows) is None
+
+    def test_is_not_found_if_it_is_unsteady(self, rows):
+        rows["camera_yaw_rad"][150:] = 0.0
+        assert find_wrong_yaw(rows) is None
 
 
 def made(
@@ -79,24 +89,43 @@ def test_a_lane_change_is_no_moved_camera(until_s):
     )
 
 
-def test_time_size_and_side_of_a_change_on_the_clock_of_the_video():
-    """The lane seems to turn right if the camera turns left.
-
-    Frames without a lane do not count.
+class TestChange:
+    """After 50 seconds the camera looks down and to the left: the lane seems to turn
+    right. Every other frame has no lane.
     """
-    rows = made(np.where(TIMES_S > 50, 1.0, 0.0), np.where(TIMES_S > 50, -1.2, 0.0))
-    rows["time_s"] += 100
-    rows["state"][::2], rows["pitch_rad"][::2] = "lost", np.nan
-    change = find_pose_change(rows)
-    assert change.time_s == pytest.approx(150, abs=1)
-    assert np.degrees([change.pitch_rad, change.yaw_rad]) == pytest.approx(
-        [1.0, 1.2], abs=0.1
-    )
-    words = r"after 1(49|50|51) s: since then it looks 1\.0 deg farther down and 1\.2 deg farther to the left; annotate"
-    assert re.search(words, change.describe())
-    assert find_pose_change(
-        rows | {"pitch_rad": np.zeros(len(TIMES_S))}
-    ).time_s == pytest.approx(150, abs=1)
-    late = TIMES_S > 52
-    rows["state"][late], rows["pitch_rad"][late] = "lost", np.nan
-    assert find_pose_change(rows) is None
+
+    @pytest.fixture
+    def rows(self) -> dict[str, np.ndarray]:
+        is_late = TIMES_S > 50
+        rows = made(np.where(is_late, 1.0, 0.0), np.where(is_late, -1.2, 0.0))
+        rows["time_s"] += 100
+        lose(rows, np.s_[::2])
+        return rows
+
+    def test_has_its_size_and_sides(self, rows):
+        change = find_pose_change(rows)
+        angles_deg = np.degrees([change.pitch_rad, change.yaw_rad])
+        assert angles_deg == pytest.approx([1.0, 1.2], abs=0.1)
+
+    def test_has_its_time_on_the_clock_of_the_video(self, rows):
+        assert find_pose_change(rows).time_s == pytest.approx(150, abs=1)
+
+    def test_is_described(self, rows):
+        words = (
+            r"after 1(49|50|51) s: since then it looks 1\.0 deg farther down and "
+            r"1\.2 deg farther to the left; annotate"
+        )
+        assert re.search(words, find_pose_change(rows).describe())
+
+    def test_of_the_yaw_alone_is_found(self, rows):
+        rows["pitch_rad"] = np.zeros(len(TIMES_S))
+        assert find_pose_change(rows).time_s == pytest.approx(150, abs=1)
+
+    def test_is_not_found_if_the_lane_is_lost_soon_after(self, rows):
+        lose(rows, TIMES_S > 52)
+        assert find_pose_change(rows) is None
+
+
+def lose(rows: dict[str, np.ndarray], frames: slice | np.ndarray) -> None:
+    rows["state"][frames] = "lost"
+    rows["pitch_rad"][frames] = np.nan
