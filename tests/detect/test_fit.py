@@ -62,15 +62,15 @@ def stripes_at(x_m, y_m, angle, strength=30.0):
 def stripes_on(
     lane, sides=(LEFT_SIDE, RIGHT_SIDE), *, noise_m=0.01, outliers=0, seed=0
 ):
-    """Stripes as the evidence finds them on a lane, with others strewn between."""
+    """Stripes as the evidence finds them on a lane, with others between."""
     rng = np.random.default_rng(seed)
     x = ROWS_M
-    strewn = (
+    clutter = (
         rng.choice(x, outliers),
         rng.uniform(-10, 10, outliers),
         rng.uniform(-1, 1, outliers),
     )
-    found = stripes_at(*strewn, strength=6.0)
+    found = stripes_at(*clutter, strength=6.0)
     for side in sides:
         y = line_y(x, lane, side)
         ahead = line_y(x + 0.01, lane, side)
@@ -92,7 +92,7 @@ def found_in(stripes) -> Fit:
 ROADS = {
     "straight, off centre": a_lane(centre=0.4, width=3.6, heading=0.01),
     "left bend": a_lane(centre=-0.3, heading=-0.02, curvature=1 / 350),
-    "right bend, nodding": a_lane(
+    "right bend, pitched": a_lane(
         centre=0.2, width=3.3, heading=0.03, curvature=-1 / 200, pitch=0.008
     ),
     "clothoid": a_lane(centre=0.1, width=3.7, curvature=1 / 900, rate=5e-5),
@@ -211,7 +211,7 @@ def test_a_prediction_counts_as_much_as_it_is_certain(certainty, moved_m):
 
 
 def seen(lines_m: tuple[float, ...], pitch: float) -> Stripes:
-    """Stripes of straight lines up to 60 m, seen by a camera that nods by `pitch`.
+    """Stripes of straight lines up to 60 m, seen by a camera that has pitched by `pitch`.
 
     A point at x appears at X with H / X = H / x - pitch, and at y X / x.
     """
@@ -228,7 +228,7 @@ def seen(lines_m: tuple[float, ...], pitch: float) -> Stripes:
 @pytest.mark.parametrize("side", SIDES)
 def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
     """One line of the lane is out of sight; the next lane's far one runs parallel, as a
-    nodding camera cannot show.
+    camera that pitches cannot show.
     """
     pitch = 0.009
     start = a_lane()[None]
@@ -248,11 +248,11 @@ def test_the_far_line_of_the_adjacent_lane_determines_the_pitch(side):
     ("pitch", "vertical"), [(0.012, 0.0), (-0.01, 0.0), (0.0, 6e-4), (0.006, -4e-4)]
 )
 def test_pitch_and_hills_are_undone(pitch, vertical):
-    # a straight line and its direction, seen by a camera that has nodded, on a road
+    # a straight line and its direction, seen by a camera that has pitched, on a road
     # that bends upwards
     camera = dashcam(1280, yaw_rad=0.0)
     m = camera.pose
-    nodded = camera.with_pose(
+    pitched = camera.with_pose(
         CameraPose(m.height_m, m.pitch_rad + pitch, m.yaw_rad, m.roll_rad)
     )
     x = np.array([6.0, 12.0, 25.0, 40.0])
@@ -261,7 +261,7 @@ def test_pitch_and_hills_are_undone(pitch, vertical):
         for x in (x, x + 1e-3)
     )
     flat, beyond = (
-        camera.pixels_to_road(nodded.road_to_pixels(each)) for each in (points, ahead)
+        camera.pixels_to_road(pitched.road_to_pixels(each)) for each in (points, ahead)
     )
     angle = np.arctan2(*(beyond - flat).T[::-1])
     lane = a_lane(
