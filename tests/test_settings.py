@@ -83,7 +83,7 @@ def with_other(settings: Any, name: str) -> Any:
 def half_of(value: Any) -> Any:
     if isinstance(value, tuple):
         return tuple(map(half_of, value))
-    return value // 2 if isinstance(value, int) else value / 2
+    return max(value // 2, 1) if isinstance(value, int) else value / 2
 
 
 def is_same(first: list[np.ndarray], second: list[np.ndarray]) -> bool:
