@@ -71,8 +71,12 @@ class VoteSettings:
     # go down to 15 m.
     headings: tuple[int, float, float] = (6, 0.03, 0.18)
     curvatures: tuple[int, float, float] = (11, 0.0015, 0.24)
+    # Hypotheses of pitch are 0 and this, up and down: a degree, as cars pitch.
+    pitch_rad: float = 0.018
     bin_m: float = 0.15
     bins: int = 60
+    # Smallest and largest distance of a line of the lane to either side of the car.
+    beside_m: tuple[float, float] = (0.3, 3.6)
     # Cost of one squared standard deviation from the prior, relative to the square root
     # of a line's share of votes.
     prior_weight: float = 0.05
@@ -84,7 +88,7 @@ class VoteSettings:
         """(H, 3): heading, curvature and pitch."""
         headings = _spread(*self.headings)
         curvatures = _spread(*self.curvatures)
-        pitches = np.arange(-1, 2) * 0.018  # a degree up and down, as cars pitch
+        pitches = np.arange(-1, 2) * self.pitch_rad
         grid = np.meshgrid(headings, curvatures, pitches, indexing="ij")
         return np.stack(grid, axis=-1).reshape(-1, 3)
 
@@ -223,7 +227,9 @@ def best_pairs(
 
     # all pairs of a line to the left and one to the right of the car, less their
     # distance from the prior
-    left, right = (np.flatnonzero(_is_beside(side * middle)) for side in SIDES)
+    nearest_m, farthest_m = settings.beside_m
+    left = np.flatnonzero((middle > nearest_m) & (middle < farthest_m))
+    right = np.flatnonzero((middle < -nearest_m) & (middle > -farthest_m))
     width = middle[left, None] - middle[right]
     centre = (middle[left, None] + middle[right]) / 2
     from_width = (width - prior.mean[WIDTH]) / prior.std[WIDTH]
@@ -244,13 +250,6 @@ def best_pairs(
     lanes[:, [HEADING, CURVATURE, PITCH]] = hypothesis
     order = np.argsort(-best, kind="stable")
     return _suppress_non_maxima(lanes[order], settings.lanes)
-
-
-def _is_beside(distance_m: np.ndarray) -> np.ndarray:
-    """Whether a line at this distance from the car, to one side, can be one of its
-    lane.
-    """
-    return (distance_m > 0.3) & (distance_m < 3.6)
 
 
 def _suppress_non_maxima(lanes: np.ndarray, count: int) -> np.ndarray:
@@ -298,10 +297,10 @@ class DetectorSettings:
     paint: PaintSettings = field(default_factory=PaintSettings)
     votes: VoteSettings = field(default_factory=VoteSettings)
     fit: FitSettings = field(default_factory=FitSettings)
-    # The views of single images and searches begin where images do, and are so wide
-    # that they hold the adjacent lines: in a wider one the network finds more false
-    # stripes.
+    # Views begin where images do, but not nearer than this, also those of the tracker.
     near_m: float = 2.5
+    # That of a single image holds the adjacent lines: in a wider one the network finds
+    # more false stripes. The tracker has its own widths (`half_widths_m`).
     half_width_m: float = 6.5
 
 
