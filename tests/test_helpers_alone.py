@@ -106,7 +106,8 @@ def test_the_offsets_of_the_video_are_those_of_the_truth(folder):
     assert (measured["frame"] == truth["frame"][:50]).all()
     errors_m = np.abs(measured["offset_m"] - truth["offset_m"][:50])
     assert np.isfinite(errors_m).all()
-    assert np.median(errors_m) < 0.1 and errors_m.max() < 0.3
+    assert np.median(errors_m) < 0.1
+    assert errors_m.max() < 0.3
 
 
 def test_the_offset_of_the_still_is_that_of_the_truth(folder):

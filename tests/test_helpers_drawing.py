@@ -139,14 +139,16 @@ def test_nothing_is_drawn_of_a_lost_lane():
     lost = start_finder("hls_sobel", CAMERA).find(black)
     assert describe_result(lost) == ["lane lost"]
     annotated = annotate_image(black, lost, lens_of(CAMERA))
-    assert annotated[:200].any() and not annotated[200:].any()
+    assert annotated[:200].any()
+    assert not annotated[200:].any()
 
 
 def test_following_gives_each_frame_its_image_and_numbers(image):
     process = follow_lane(start_finder("hls_sobel", CAMERA))
     process(image)
     annotated, row = process(np.zeros_like(image))
-    assert row["state"] == "kept" and annotated[300:].any()
+    assert row["state"] == "kept"
+    assert annotated[300:].any()
 
 
 def draw_the_lane(image):
@@ -174,9 +176,11 @@ every_drawing = parametrize(
 def test_every_function_draws_on_a_copy(draw, gray):
     for image in (gray, gray.copy()):
         drawn = draw(image)
-        assert (image == 100).all() and not np.shares_memory(drawn, image)
+        assert (image == 100).all()
+        assert not np.shares_memory(drawn, image)
         assert (drawn.shape, drawn.dtype) == (image.shape, np.uint8)
-        assert drawn.flags.writeable and (drawn != image).any()
+        assert drawn.flags.writeable
+        assert (drawn != image).any()
 
 
 @every_drawing

@@ -107,7 +107,8 @@ def test_recipes_measure_the_truth(name, road):
 def test_one_missing_line_leaves_the_other_and_no_lane(name):
     result = finder(name).find(picture(HALF_LANE))
     assert result.state == "lost"
-    assert result.right is None and result.right_road is None
+    assert result.right is None
+    assert result.right_road is None
     assert result.offset_m is None
     radius_m = 1 / result.left_road.curvature_per_m()
     assert radius_m == approx(500 - LANE_WIDTH_M / 2, rel=0.1)
@@ -400,7 +401,8 @@ def test_a_line_that_jumped_is_searched_with_windows_after_a_miss():
     follow.follow(picture(LaneRoad(0.0, 0.5)))
     missed = follow.follow(picture(LaneRoad(0.0, -0.5)))
     seen = follow.follow(picture(LaneRoad(0.0, -0.5)))
-    assert missed.left_found.fit is None and seen.left_found.fit is not None
+    assert missed.left_found.fit is None
+    assert seen.left_found.fit is not None
     assert (missed.state, seen.state) == ("kept", "kept")
 
 

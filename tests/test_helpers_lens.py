@@ -75,9 +75,11 @@ def test_calibration_finds_the_true_lens(lens):
     """Of the rendered boards. Three are cut off by the border, two a pixel larger."""
     true = load_camera(ROOT / "test_videos" / "project_video.yaml")
     assert_allclose(lens.matrix, true.matrix, atol=1.0)
-    assert lens.size == (1280, 720) and lens.distortion.shape == (5,)
+    assert lens.size == (1280, 720)
+    assert lens.distortion.shape == (5,)
     assert lens.rms_px < 0.1
-    assert len(lens.board_rms_px) == 20 and lens.not_used == {}
+    assert len(lens.board_rms_px) == 20
+    assert lens.not_used == {}
 
     corners = [
         (0, 0),
@@ -154,7 +156,8 @@ def test_a_board_file_that_does_not_exist_is_named():
 def test_the_real_boards_are_all_used():
     """Three are cut off by the border, two are of 1281x721."""
     lens = calibrate(REAL_DATA / "camera_cal")
-    assert len(lens.board_rms_px) == 20 and lens.not_used == {}
+    assert len(lens.board_rms_px) == 20
+    assert lens.not_used == {}
     assert lens.rms_px < 1.003  # of 17 complete boards with sub-pixel corners
     assert lens.matrix[0, 0] == approx(1158, abs=6)
 
@@ -201,5 +204,6 @@ def test_no_point_outside_is_placed_inside_the_image():
     v = np.full(100, 400.0)
     raw = distort_points(np.column_stack([u, v]), barrel)
     is_nan = np.isnan(raw).all(axis=1)
-    assert is_nan.any() and not is_nan.all()
+    assert is_nan.any()
+    assert not is_nan.all()
     assert (raw[~is_nan, 0] > 1279).all()

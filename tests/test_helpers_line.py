@@ -45,7 +45,8 @@ def test_the_mean_is_over_the_last_fits(rules, length):
     """Not the newest alone, as in A and C, whose lists were filled anew."""
     shown = 100 + 40 * np.random.default_rng(0).random(length + 17)
     line = remember(rules, shown.tolist())
-    assert line.state == "found" and len(line.fits) == length
+    assert line.state == "found"
+    assert len(line.fits) == length
     assert column(line) == approx(shown[-length:].mean())
     assert column(line) != approx(shown[-1], abs=0.1)
 
@@ -147,7 +148,8 @@ def test_a_line_missed_too_often_begins_again(rules):
     line = remember(rules, [100] + [None] * rules.max_missed)
     assert line.state == "kept"
     line.update(None)
-    assert line.state == "lost" and line.mean() is None
+    assert line.state == "lost"
+    assert line.mean() is None
     assert line.search_near() is None
     assert line.update(fit(900))[2] == 900
 
@@ -168,6 +170,7 @@ def test_limits_are_scaled_with_the_image_and_fits_are_not_copied():
     line = remember(A, [100])
     small = line.fresh(0.5, 0.25)
     assert small.accept == approx([0.008, 2.0, 50])
-    assert small.fits == [] and small.state == "lost"
+    assert small.fits == []
+    assert small.state == "lost"
     # the recipe's own line was not used
     assert A.fits == []

@@ -157,7 +157,8 @@ def test_telemetry_has_a_row_for_each_frame(clip, tmp_path):
     with table.open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert [int(row["frame"]) for row in rows] == list(range(10, 30))
-    assert rows[1]["time_s"] == "0.44" and rows[0]["state"] == "found"
+    assert rows[1]["time_s"] == "0.44"
+    assert rows[0]["state"] == "found"
     assert rows[2]["offset_m"] == ""
     assert float(rows[3]["offset_m"]) == approx(13 / 7, rel=1e-8)
 
