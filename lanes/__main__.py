@@ -768,7 +768,8 @@ def find_lens(options: argparse.Namespace) -> tuple[Camera, DriveSettings]:
     """
     sources = find_sources(map(str, options.files))
     settings = _read_settings(options, sources, [options.output])
-    image = next(sample_images(sources.files, 1, topic=options.topic))
+    start_s = options.start_s
+    image = next(sample_images(sources.files, 1, start_s=start_s, topic=options.topic))
     height, width = image.shape[:2]
     return camera_for(settings, (width, height), sources.files[0]), settings
 

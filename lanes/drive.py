@@ -229,7 +229,7 @@ def track(
         )
         info, camera, pose = prepare_drive(video, settings)
     else:
-        info = inspect_video(path, topic=topic)
+        info = inspect_video(path, topic=topic, start_s=start_s)
     size = (info.width, info.height)
     if require_camera(camera).size != size:
         raise CameraError(
@@ -264,18 +264,19 @@ def prepare_drive(
 
     The estimate is None if the camera had a pose.
     """
-    info = inspect_video(video, topic=settings.topic)
-    if settings.start_s >= info.duration_s:
+    start_s = settings.start_s
+    info = inspect_video(video, topic=settings.topic, start_s=start_s)
+    if start_s >= info.duration_s:
         raise VideoError(
             f"{video}: lasts {info.duration_s:g} s; begin before that, not at "
-            f"{settings.start_s:g} s."
+            f"{start_s:g} s."
         )
     lens = camera_for(settings, (info.width, info.height), video)
     images = sample_images(
         [video],
         POSE_PICTURES,
         require=lens.require_size,
-        start_s=settings.start_s,
+        start_s=start_s,
         end_s=settings.end_s,
         infos={video: info},
         topic=settings.topic,

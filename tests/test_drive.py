@@ -75,6 +75,20 @@ def drive(tmp_path_factory) -> Path:
     return folder
 
 
+def test_a_part_behind_a_change_of_size_is_annotated(tmp_path):
+    """Half a second of smaller images, then one of ours; with a camera of one field of
+    view for both.
+    """
+    frames = [BENDS.frame(number / 25) for number in range(25)]
+    small = write_clip(tmp_path / "a.ts", [frame[::2, ::2] for frame in frames[:13]])
+    large = write_clip(tmp_path / "b.ts", frames)
+    video = tmp_path / "both.ts"
+    video.write_bytes(small.read_bytes() + large.read_bytes())
+    (result,) = quietly(video, tmp_path / "out", start_s=0.6)
+    assert inspect_video(result.outputs[0]).height == 360
+    assert result.telemetry["state"][-1] == "tracking"
+
+
 def pitched(drive: PaintedDrive, down_deg: float) -> PaintedDrive:
     """The same drive with a camera that looks farther down."""
     pose = SMALL.require_pose()

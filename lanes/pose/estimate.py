@@ -316,7 +316,7 @@ def estimate_pose(  # noqa: PLR0913 (options, called by name)
     require_topic(files, topic)
     if files:
         if camera is None:
-            (image,) = sample_images(files, 1, topic=topic)
+            (image,) = sample_images(files, 1, start_s=start_s, topic=topic)
             camera = find_camera(image.shape[1::-1], files, topic)
         images = sample_images(
             files,

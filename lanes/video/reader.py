@@ -12,7 +12,7 @@ from collections import deque
 from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from functools import lru_cache
 from itertools import chain, islice
@@ -115,8 +115,9 @@ class VideoIndex:
     `rate` is in frames per second, between gaps; `constant_rate` says whether frame n
     is at n / `rate`. `start_s` is the presentation time of the first frame on the
     container's clock; it may be damaged. `times_s` (N,) are those of the frames since
-    then, sorted; empty if some frames have no time stamp. `states_turns` says whether a
-    frame may state how it and those after it are turned.
+    then, sorted; empty if some frames have no time stamp. `has_one_clock` says
+    whether the time stamps of all frames are on it, `states_turns` whether a frame may
+    state how it and those after it are turned.
     """
 
     info: VideoInfo
@@ -124,6 +125,7 @@ class VideoIndex:
     constant_rate: bool
     start_s: Fraction
     times_s: np.ndarray
+    has_one_clock: bool
     states_turns: bool
 
 
@@ -316,6 +318,7 @@ def _index_video(path: str, *version: int) -> VideoIndex:
             constant_rate=drive.is_constant,
             start_s=start * tick,
             times_s=shown_s,
+            has_one_clock=steps.have_one_clock,
             states_turns=packets.state_turns,
         )
 
@@ -462,10 +465,12 @@ def square_size(frame: av.VideoFrame, stream: av.VideoStream) -> tuple[int, int]
 class _Steps:
     """Seconds from one frame to the next (M,) in the order of presentation.
 
-    `frames` are in the file, `outliers` of them without a usable time stamp.
+    `have_one_clock` says that there is no step from one clock to another. `frames` are
+    in the file, `outliers` of them without a usable time stamp.
     """
 
     steps_s: np.ndarray
+    have_one_clock: bool
     frames: int
     outliers: int
 
@@ -477,7 +482,7 @@ def _steps_between(times_s: np.ndarray, frames: int) -> _Steps:
     many times are not known.
     """
     if len(times_s) <= (1 - MAX_SHORT_SHARE) * frames:
-        return _Steps(np.empty(0), frames, 0)
+        return _Steps(np.empty(0), True, frames, 0)
 
     # no codec reorders 16 frames
     order = np.argsort(times_s, kind="stable")
@@ -490,8 +495,10 @@ def _steps_between(times_s: np.ndarray, frames: int) -> _Steps:
         recordings = [np.sort(part) for part in np.split(times_s, begins)]
 
     steps_s = np.concatenate([np.diff(recording) for recording in recordings])
+    steps_s = steps_s[steps_s <= CLOCK_SET_S]
     stamped = sum(map(len, recordings))
-    return _Steps(steps_s[steps_s <= CLOCK_SET_S], frames, frames - stamped)
+    have_one_clock = len(steps_s) == stamped - 1
+    return _Steps(steps_s, have_one_clock, frames, frames - stamped)
 
 
 def _frame_rate(stream: av.VideoStream, steps_s: np.ndarray, path: str) -> Fraction:
@@ -609,16 +616,25 @@ def decode_packet(packet: av.Packet) -> Iterator[Any]:
 # Properties and frames, of video files and robot logs.
 
 
-def inspect_video(path: str | Path, *, topic: str | None = None) -> VideoInfo:
+def inspect_video(
+    path: str | Path, *, topic: str | None = None, start_s: float = 0.0
+) -> VideoInfo:
     """Properties of a video file, with the frames counted; reads the whole file but
     decodes one frame.
 
     A file that was cut off has its frames up to there. `topic` is that of the images in
-    a robot log, by default the only one. Raises FileNotFoundError, or VideoError if the
-    file is empty, not a video, or without frames.
+    a robot log, by default the only one. Width and height are those at `start_s`, for a
+    part behind a change of size. Raises FileNotFoundError, or VideoError if the file is
+    empty, not a video, or without frames.
     """
     if not is_robot_log(path):
-        return index_video(path).info
+        info = index_video(path).info
+        if not 0 < start_s < info.duration_s:
+            return info
+        with closing(read_video(path, start_s=start_s)) as images:
+            height, width, _ = next(images).shape
+        return replace(info, width=width, height=height)
+
     log = index_log(path, topic)
     width, height = log.size
     count = len(log.numbers)
@@ -781,10 +797,10 @@ def _frames_from(
     """Frames with their times and their stream, from a key frame before `start_s` on.
 
     Where a seek is not possible, or ends behind `start_s`, as in transport streams with
-    few key frames, they are from the first one on; also where a frame before says how
-    they are turned.
+    few key frames, they are from the first one on; also where the clock restarts, or
+    where a frame before says how they are turned.
     """
-    seeks = start_s > 1 and not index.states_turns
+    seeks = start_s > 1 and index.has_one_clock and not index.states_turns
     attempts = (True, False) if seeks else (False,)
     for seek in attempts:
         with open_video(path) as container:

@@ -262,6 +262,7 @@ def _frames_at(
     Reading so much of a video takes about as long as reopening it at another time.
     """
     frames: Iterator[TimedFrame] = iter(())
+    shape = None
     now_s = -np.inf
     for time_s in times_s:
         if time_s > now_s + 2.0:
@@ -275,5 +276,9 @@ def _frames_at(
             return
         if frame is None:
             return
+        shape = shape or frame.image.shape
+        if frame.image.shape != shape:
+            for _ in read_timed_frames(video, start_s=now_s, topic=topic):
+                pass  # up to the change, which raises VideoError with its time
         now_s = frame.time_s
         yield frame.image

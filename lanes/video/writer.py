@@ -303,7 +303,7 @@ class _Sound:
         self._length_s = length_s
         index = index_video(source.name.removeprefix("file:"))
         zero_s = start_s + float(index.start_s)
-        if start_s > 0:
+        if start_s > 0 and index.has_one_clock:
             source.seek(int(zero_s * av.time_base))
 
         self._tracks: dict[av.AudioStream, _SoundTrack] = {}

@@ -25,6 +25,7 @@ from lanes.video.reader import (
     read_timed_frames,
     read_video,
 )
+from lanes.video.sources import sample_images
 from lanes.video.writer import process_video
 from tests.support.clips import add_tone, encode
 from tests.video.sample_videos import (
@@ -568,21 +569,38 @@ class TestCutOff:
             inspect_video(half)
 
 
-def test_a_change_of_size_is_reported_with_its_time(tmp_path):
-    small = make_video(tmp_path / "small.ts", 25, size=(160, 96))
-    large = make_video(tmp_path / "large.ts", 25, size=(320, 192))
-    path = tmp_path / "both.ts"
-    path.write_bytes(small.read_bytes() + large.read_bytes())
-    seen = []
+class TestAChangeOfSize:
+    """Three seconds of 160x96 pixels, then three of 320x192."""
 
-    def note(image: np.ndarray) -> np.ndarray:
-        seen.append(number_of(image))
-        return image
+    CHANGE = r"both\.ts: changes from 160x96 to 320x192 pixels at 3\.00 s; cut it there"
 
-    change = "changes from 160x96 to 320x192 pixels at 1.00 s; cut it there"
-    with pytest.raises(VideoError, match=f"both.ts: {change}"):
-        process_video(path, tmp_path / "out.mp4", note, progress=False)
-    assert seen == list(range(25))
+    @pytest.fixture
+    def both(self, tmp_path) -> Path:
+        small = make_video(tmp_path / "small.ts", 75, size=(160, 96))
+        large = make_video(tmp_path / "large.ts", 75, size=(320, 192))
+        path = tmp_path / "both.ts"
+        path.write_bytes(small.read_bytes() + large.read_bytes())
+        return path
+
+    @pytest.mark.parametrize("start_s", [0.0, 1.0, 2.6])
+    def test_is_reported_with_its_time(self, both, start_s):
+        seen = []
+        with pytest.raises(VideoError, match=self.CHANGE):
+            seen.extend(read_video(both, start_s=start_s))
+        assert numbers_in(both, start_s=start_s, end_s=3.0)[-1] == 74
+
+    @pytest.mark.parametrize("start_s", [3.0, 3.4, 5.0])
+    def test_a_part_behind_it_has_the_other_size(self, both, start_s):
+        info = inspect_video(both, start_s=start_s)
+        images = list(read_video(both, start_s=start_s))
+        assert (info.width, info.height) == (320, 192)
+        assert {image.shape for image in images} == {(192, 320, 3)}
+        assert number_of(images[0]) == round(25 * start_s) - 75
+
+    def test_samples_of_both_sizes_are_refused_with_its_time(self, both):
+        """They are so far apart that the frames between them are not read."""
+        with pytest.raises(VideoError, match=self.CHANGE):
+            list(sample_images([both], 2))
 
 
 @pytest.mark.parametrize("fps", [Fraction(1, 50), 5000])

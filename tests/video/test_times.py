@@ -464,3 +464,18 @@ def test_appended_recording(tmp_path, codec, layout, end_s):
     assert times_s == pytest.approx(np.arange(70) / 25, abs=0.1)
     assert (np.diff(times_s) > 0).all()
     assert sound_packets(tmp_path / "out.mp4")[-1][0] == pytest.approx(end_s, abs=0.1)
+
+
+@pytest.mark.parametrize("start_s", [1.2, 1.6, 2.4])
+def test_a_part_of_an_appended_recording_is_the_right_one(tmp_path, start_s):
+    """A place on the second clock is also one on the first."""
+    path = make_video(tmp_path / "drive.ts", 40, sound="aac", tone_s=1.3)
+    path.write_bytes(2 * path.read_bytes())
+    frames = list(read_timed_frames(path, start_s=start_s))
+    expected = list(range(round(25 * start_s), 80))
+    assert [frame.number for frame in frames] == expected
+    assert [number_of(frame.image) for frame in frames] == [n % 40 for n in expected]
+    out = tmp_path / "out.mp4"
+    process_video(path, out, unchanged, start_s=start_s, progress=False)
+    if start_s > 1.6:
+        assert tone_starts_s(out) == pytest.approx(1.6 + 1.3 - start_s, abs=0.05)
