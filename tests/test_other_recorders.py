@@ -27,6 +27,7 @@ from lanes.drive_camera import camera_for
 from lanes.errors import VideoError
 from lanes.files import read_telemetry
 from lanes.many import fingerprint
+from lanes.show.report import line_types
 from lanes.video.reader import inspect_video, read_timed_frames
 from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs
@@ -466,6 +467,23 @@ def test_the_bits_of_a_camera_are_those_of_its_brightest_images(
     assert np.abs(found[0] - expected).max() <= 1
     expected = bright >> bits - 8
     assert np.abs(found[1] - expected).max() <= 1
+
+
+def test_a_log_in_gray_has_no_colours_of_lines(tmp_path, drive, annotate):
+    """The left line is yellow; the table, and a report of it, have its kind only."""
+    made = stamp_images(drive, stamps_at(DRIVE_TIMES_S))
+    for _, message in made:
+        pixels = message.data.reshape(message.height, message.width, 3)
+        gray = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
+        message.encoding = "mono8"
+        message.step = message.width
+        message.data = gray.ravel()
+    path = write_messages(tmp_path / "drive.mcap", {"/camera": made})
+
+    table = annotate(path).table
+    for side in ("left", "right"):
+        assert np.isnan(table[f"{side}_colour"]).all()
+    assert set(line_types(table, "left")) == {"solid"}
 
 
 # The camera.

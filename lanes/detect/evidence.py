@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache, reduce
+from functools import cached_property, lru_cache, reduce
 from math import lcm
 
 import cv2
@@ -84,6 +84,14 @@ _CENTRE_SHARE = 0.5
 _AREA_SHARE = 0.9
 # The probability is limited, because larger values are not more certain.
 _MAX_PROBABILITY = 0.99
+# Share of the variance of colours that brightness does not explain, above which an
+# image has colours. Chosen on 306 real images: 98 % have more, and 99 % of their copies
+# in gray, sepia, blue and green (night vision), as JPEG, less.
+_COLOUR_SHARE = 0.12
+# Variance of gray cells by noise and codecs, squared grey levels.
+_GRAY_VARIANCE = 4.0
+# The longer side of the image in cells whose colours are compared.
+_COLOUR_CELLS = 100
 
 
 @dataclass(frozen=True, eq=False)
@@ -393,11 +401,12 @@ def strength_weight(strength: np.ndarray, settings: PaintSettings) -> np.ndarray
 class Evidence:
     """What one image shows in a view.
 
-    `view_image` (rows, columns, 3), uint8, is its bird's-eye view, `response` the
-    combined one, `sources` are the names of its parts, `settings` those that it was
-    found with.
+    `image` (height, width, 3), uint8, is the raw image, `view_image` (rows, columns, 3)
+    its bird's-eye view, `response` the combined one, `sources` are the names of its
+    parts, `settings` those that it was found with.
     """
 
+    image: np.ndarray
     view: BirdsEyeView
     view_image: np.ndarray
     response: MarkingResponse
@@ -405,6 +414,11 @@ class Evidence:
     sources: tuple[str, ...]
     confidence_shift: float
     settings: PaintSettings
+
+    @cached_property
+    def has_colours(self) -> bool:
+        """Whether the image shows colours; see `has_colours`."""
+        return has_colours(self.image)
 
     def at_height(self, height_m: float) -> Evidence:
         """The same evidence for another height of the camera.
@@ -477,6 +491,7 @@ def find_evidence(
         stripes = stripes.joined(_edge_stripes(of_edges, view, settings))
 
     return Evidence(
+        image=image,
         view=view,
         view_image=view_image,
         response=response,
@@ -485,6 +500,30 @@ def find_evidence(
         confidence_shift=0.0 if source is None else source.confidence_shift,
         settings=settings,
     )
+
+
+def has_colours(image: np.ndarray) -> bool:
+    """Whether an RGB image (height, width, 3), uint8, shows colours.
+
+    In gray, tinted and night-vision images the colour is a function of the brightness:
+    cells of neighbouring brightness have the same one. The share of the variance that
+    differs between neighbours is von Neumann's ratio (1941).
+    """
+    # cells are larger than the blur of subsampled colours
+    cell_px = max(image.shape[:2]) / _COLOUR_CELLS
+    step = max(1, int(cell_px / 4))
+    samples = np.ascontiguousarray(image[::step, ::step])
+    scale = min(1.0, step / cell_px)
+    cells = cv2.resize(samples, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+
+    # not in whole grey levels, of which cells side by side often have the same one
+    brightness = cells.reshape(-1, 3) @ (0.299, 0.587, 0.114)
+    order = np.argsort(brightness, kind="stable")
+    red, green, blue = cells.reshape(-1, 3)[order].astype(float).T
+    colour = np.array([red - green, green - blue])
+    variance = colour.var(axis=1).sum()
+    between_neighbours = (np.diff(colour) ** 2).mean(axis=1).sum() / 2
+    return bool(between_neighbours > _COLOUR_SHARE * (variance + _GRAY_VARIANCE))
 
 
 def _add_network(

@@ -150,8 +150,8 @@ class LineEvidence:
 
     @property
     def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough, and of an edge of the
-        road.
+        """ "white" or "yellow"; None if not seen well enough, without colours in the
+        images, and of an edge of the road.
         """
         return None if self.edge else self.votes.colour
 

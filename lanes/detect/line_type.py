@@ -75,8 +75,8 @@ class MarkingProfile:
     # double line.
     gap: float
     # Blue that the paint lacks, relative to white paint in the same light: about 0 for
-    # white paint, 1 for yellow.
-    yellowness: float
+    # white paint, 1 for yellow. None in an image without colours.
+    yellowness: float | None
     # Length of the line that is seen, that with paint, and that without.
     seen_m: float
     painted_m: float
@@ -85,7 +85,7 @@ class MarkingProfile:
     @property
     def double(self) -> bool:
         """Two stripes side by side."""
-        is_yellow = self.yellowness > YELLOW_FROM
+        is_yellow = self.yellowness is not None and self.yellowness > YELLOW_FROM
         has_gap = self.gap < GAP_BELOW
         return self.width_m > DOUBLE_FROM_M and (is_yellow or has_gap)
 
@@ -106,12 +106,14 @@ def marking_profile(
     stripe_rows: np.ndarray,
     side: float,
     paint: PaintSettings,
+    coloured: bool = True,
 ) -> MarkingProfile | None:
     """What an image shows of the marking along a line; None without a marking.
 
     `line_y_m` (rows,) is the lateral position of the line on the view's grid in each
     row, NaN where it does not pass. `stripe_rows` (stripes,) are the rows of its
-    stripes. `side` is +1 for a line to the left of the lane, else -1.
+    stripes. `side` is +1 for a line to the left of the lane, else -1. `coloured`:
+    whether the image shows colours.
     """
     rows, column = _straight_cells(view, line_y_m, stripe_rows)
     painted = np.isin(rows, stripe_rows)
@@ -135,12 +137,15 @@ def marking_profile(
     usual = np.median(along[painted])
     is_known = usual > paint.min_strength
     depth_m = view.row_columns[rows] * view.cell_m * is_known
-    on_band = np.abs(OFFSETS_M - centre_m) <= width_m / 2
+    yellowness = None
+    if coloured:
+        on_band = np.abs(OFFSETS_M - centre_m) <= width_m / 2
+        yellowness = _yellowness(light, yellow, on_band, side, paint)
     return MarkingProfile(
         width_m=width_m,
         centre_m=centre_m,
         gap=gap,
-        yellowness=_yellowness(light, yellow, on_band, side, paint),
+        yellowness=yellowness,
         seen_m=float(depth_m.sum()),
         painted_m=float(depth_m @ (along >= PAINTED_FROM * usual)),
         bare_m=float(depth_m @ (along < BARE_BELOW * usual)),
@@ -251,11 +256,12 @@ def _straight_cells(
 
 
 class TypeVotes(NamedTuple):
-    """Sums over the observations so far: their number, those of a double line, and
-    those of `MarkingProfile`.
+    """Sums over the observations so far: their number, those with colours, those of a
+    double line, and those of `MarkingProfile`.
     """
 
     observations: float
+    coloured: float
     yellowness: float
     double_stripes: float
     seen_m: float
@@ -264,10 +270,10 @@ class TypeVotes(NamedTuple):
 
     @property
     def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough."""
-        if not self.observations:
+        """ "white" or "yellow"; None if not seen well enough, and without colours."""
+        if 2 * self.coloured <= self.observations:
             return None
-        yellowness = self.yellowness / self.observations
+        yellowness = self.yellowness / self.coloured
         if yellowness < WHITE_TO:
             return "white"
         return "yellow" if yellowness > YELLOW_FROM else None
@@ -291,7 +297,8 @@ class TypeVotes(NamedTuple):
         """Add what one image shows."""
         return TypeVotes(
             observations=KEEP * self.observations + 1,
-            yellowness=KEEP * self.yellowness + profile.yellowness,
+            coloured=KEEP * self.coloured + (profile.yellowness is not None),
+            yellowness=KEEP * self.yellowness + (profile.yellowness or 0.0),
             double_stripes=KEEP * self.double_stripes + profile.double,
             seen_m=KEEP * self.seen_m + profile.seen_m,
             painted_m=KEEP * self.painted_m + profile.painted_m,
@@ -299,4 +306,4 @@ class TypeVotes(NamedTuple):
         )
 
 
-NO_VOTES = TypeVotes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_VOTES = TypeVotes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -499,6 +499,7 @@ def _line_profile(
         stripe_rows=fit.stripes.row[painted],
         side=float(SIDES[line[1]]),
         paint=evidence.settings,
+        coloured=evidence.has_colours,
     )
 
 

@@ -7,13 +7,15 @@ from __future__ import annotations
 from dataclasses import replace
 from functools import lru_cache
 
+import cv2
 import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, find_stripes, marking_response
 from lanes.detect.line_type import NO_VOTES, MarkingProfile, marking_profile
-from tests.support.painted_roads import WHITE, YELLOW, Road, dashcam
+from lanes.detect.search import find_lane
+from tests.support.painted_roads import WHITE, YELLOW, Road, bushes, dashcam
 
 CAMERA = dashcam(1280)
 SMALL = dashcam(640)
@@ -54,6 +56,64 @@ def paint_in(image, y=1.7, side=1, *, light="white"):
     stripes = find_stripes(response, view)
     on_line = np.abs(stripes.y_m - line_y_m[stripes.row]) < 0.2
     return marking_profile(response, view, line_y_m, stripes.row[on_line], side, PAINT)
+
+
+def gray(image):
+    """Three equal channels of the brightness."""
+    return np.dstack([cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)] * 3)
+
+
+def tinted(*tint):
+    """A function that gives each channel this share of the brightness."""
+    return lambda image: np.rint(gray(image) * tint).astype(np.uint8)
+
+
+def as_jpeg(image):
+    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 80])
+    return cv2.imdecode(data, cv2.IMREAD_COLOR)
+
+
+# What cameras and programs make of an image, which has no colours then.
+WITHOUT_COLOURS = {
+    "gray": gray,
+    "sepia": tinted(1.0, 0.9, 0.7),
+    "green night vision": tinted(0.15, 1.0, 0.2),
+    "blue": tinted(0.4, 0.6, 1.0),
+    "black and white, toned": lambda image: cv2.LUT(gray(image), TONING),
+    "low-pressure sodium lamps": tinted(1.0, 0.7, 0.0),
+}
+LEVELS = np.arange(256) / 255
+# Dark tones are blue, light ones yellow.
+TONING = np.dstack([LEVELS**1.2, LEVELS, LEVELS**0.9]) * 255
+TONING = TONING.round().astype(np.uint8)
+
+
+@pytest.mark.parametrize("without", WITHOUT_COLOURS.values(), ids=WITHOUT_COLOURS)
+@pytest.mark.parametrize("store", [np.copy, as_jpeg])
+def test_lines_of_an_image_without_colours_have_none(without, store):
+    road = Road(SMALL).lines(1.8, colour=YELLOW).lines(-1.8, dash_m=(3, 9))
+    image = road.surround(bushes(SMALL)).image()
+    lane = find_lane(image, SMALL)
+    assert (lane.left.colour, lane.right.colour) == ("yellow", "white")
+
+    lane = find_lane(store(without(image)), SMALL)
+    assert (lane.left.colour, lane.right.colour) == (None, None)
+    assert (lane.left.kind, lane.right.kind) == ("solid", "dashed")
+    assert "yellow" not in lane.left.describe()
+
+
+def test_the_colour_is_that_of_the_images_that_have_colours():
+    """A camera that turns to infrared light in a tunnel, and back."""
+    yellow = paint_in(drawn(colour=YELLOW))
+    unknown = replace(yellow, yellowness=None)
+    votes = NO_VOTES
+    colours = []
+    for profile in [yellow] * 5 + [unknown] * 8 + [yellow] * 4:
+        votes = votes.add(profile)
+        colours.append(votes.colour)
+    assert colours[4:6] == ["yellow"] * 2
+    assert colours[12] is None
+    assert colours[16] == "yellow"
 
 
 def kind_of(*profiles):

@@ -24,7 +24,7 @@ from simulator.rendering.drive import Motion
 from tests.support.clips import write_drive
 from tests.support.onnx_file import LOGITS, threshold, write_model
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
-from tests.support.painted_roads import ASPHALT, Arc, Road, dashcam
+from tests.support.painted_roads import ASPHALT, Arc, Road, bushes, dashcam
 
 CAMERA = dashcam()
 LEFT_M = 1.8
@@ -95,6 +95,7 @@ class TestMaskBesideVisiblePaint:
     def found(cls):
         road = Road(CAMERA).lines(LEFT_M, RIGHT_M, dash_m=(3.0, 9.0))
         mask = wide_mask(road, 0.2, 0.06)
+        road.surround(bushes(CAMERA))
         return detect_still(road.image(), CAMERA, markings=lambda _: mask)
 
     @pytest.fixture(scope="class")
@@ -168,8 +169,8 @@ def test_what_is_no_mask_is_refused(mask, words):
 
 @pytest.fixture(scope="module")
 def image() -> np.ndarray:
-    """A road with both lines."""
-    return Road(CAMERA).lines(LEFT_M, RIGHT_M).image()
+    """A road with both lines between bushes."""
+    return Road(CAMERA).lines(LEFT_M, RIGHT_M).surround(bushes(CAMERA)).image()
 
 
 BACKGROUND_AND_PAINT = threshold()

@@ -229,6 +229,19 @@ class Road:
         return cv2.convertScaleAbs(np.maximum(noisy, 0, out=noisy))
 
 
+def bushes(camera: Camera) -> np.ndarray:
+    """A landscape (height, width, 3) for `Road.surround`.
+
+    Equally bright bushes have several colours, which shows that the image has colours.
+    """
+    least = (60, 80, 30)
+    most = (110, 120, 90)
+    colours = np.random.default_rng(5).uniform(least, most, (23, 40, 3))
+    return cv2.resize(
+        colours.astype(np.float32), camera.size, interpolation=cv2.INTER_NEAREST
+    )
+
+
 LANE_WIDTH_M = 3.7
 
 
