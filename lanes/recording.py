@@ -1,9 +1,10 @@
-"""Limits of what a camera records (size of an image, frame rate, clock), and the frame
-rate by time stamps.
+"""Limits of what a camera records (size of an image, frame rate, clock), the frame rate
+by time stamps, and the bits of values.
 
 They hold for images, video files and robot logs alike.
 """
 
+from collections.abc import Iterable
 from fractions import Fraction
 
 import numpy as np
@@ -21,6 +22,8 @@ MIN_STEP, MAX_SHORT_SHARE = 0.75, 0.1
 # More frames of the usual rate than this are not missing in a hole: another recording
 # begins behind it.
 JUMP_FRAMES = 1500
+# Bits of a value; more than 8 are in two bytes.
+BITS = (8, 10, 12, 14, 16)
 
 
 def usual_rate(steps_s: np.ndarray) -> float:
@@ -39,3 +42,20 @@ def usual_rate(steps_s: np.ndarray) -> float:
     rate = frames[counted].sum() / known_s[counted].sum()
     is_constant = abs(rate * step_s - 1) < 0.01
     return float(rate if is_constant else 1 / step_s)
+
+
+def count_bits(peaks: Iterable[int]) -> int:
+    """Bits of the values of a camera, from the largest values of some of its images.
+
+    Cameras with 12 bits store them in words of 16.
+    """
+    peak = max(peaks, default=0)
+    return next(bits for bits in BITS if peak < 1 << bits)
+
+
+def to_8_bits(image: np.ndarray, bits: int | None = None) -> np.ndarray:
+    """An image of uint8 or uint16 as uint8; by default of the bits that it shows."""
+    if image.dtype == np.uint8:
+        return image
+    bits = bits or count_bits([int(image.max(initial=0))])
+    return np.minimum(image >> (bits - 8), 255).astype(np.uint8)

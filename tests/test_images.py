@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from lanes.video.images import read_image, require_rgb, to_rgb, write_image
 from lanes.video.reader import read_video
 from lanes.video.writer import VideoWriter
 from tests.support.bad_files import jpeg_claiming
+from tests.support.clips import encode
 from tests.support.painted_drive import SMALL, tracked_bends
 
 RED = (220, 30, 20)
@@ -107,6 +109,48 @@ def test_alpha_is_dropped(tmp_path, picture):
     np.testing.assert_array_equal(read_image(path), picture)
 
 
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("bits", [10, 12, 16])
+@pytest.mark.parametrize("channels", [1, 3, 4])
+def test_the_brightest_value_of_a_still_shows_its_bits(
+    tmp_path, picture, suffix, bits, channels
+):
+    """Cameras with 12 bits store them in words of 16."""
+    bgr = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    expected = picture
+    stored = bgr
+    if channels == 1:
+        stored = bgr[..., 2]
+        expected = np.dstack([stored] * 3)
+    stored = stored.astype(np.uint16) << bits - 8
+    if channels == 4:
+        opaque = np.full(stored.shape[:2], 65535, np.uint16)
+        stored = np.dstack([stored, opaque])
+    path = tmp_path / f"a{suffix}"
+    assert cv2.imwrite(str(path), stored)
+    np.testing.assert_array_equal(read_image(path), expected)
+
+
+def test_a_truncated_still_of_16_bits_is_refused(tmp_path):
+    path = tmp_path / "a.png"
+    cv2.imwrite(str(path), noise(3).astype(np.uint16) << 4)
+    path.write_bytes(path.read_bytes()[:-600])
+    with pytest.raises(PictureError, match=r"a\.png: cannot be decoded.*cut off"):
+        read_image(path)
+
+
+@pytest.mark.parametrize("pixels", ["rgb48le", "gray16le"])
+@pytest.mark.parametrize("bits", [12, 16])
+def test_the_bits_of_a_video_are_those_of_a_still(tmp_path, picture, pixels, bits):
+    values = picture if pixels == "rgb48le" else picture[..., 1]
+    stored = values.astype(np.uint16) << bits - 8
+    frame = av.VideoFrame.from_ndarray(stored, format=pixels)
+    path = encode(tmp_path / "a.mkv", [frame] * 3, "ffv1", pixels)
+    image = next(read_video(path)).astype(int)
+    difference = image - (values if values.ndim == 3 else values[..., None])
+    assert np.abs(difference).max() <= 1
+
+
 def test_the_preview_of_a_phone_is_no_second_image(tmp_path, picture):
     path = tmp_path / "a.jpg"
     Image.fromarray(picture).save(
@@ -163,8 +207,8 @@ def write_heic(path: Path) -> None:
     path.write_bytes(b"\0\0\0\x18ftypheic\0\0\0\0mif1heic" + bytes(99))
 
 
-def write_16_bits(path: Path) -> None:
-    Image.new("I;16", (6, 4), 40_000).save(path)
+def write_32_bits(path: Path) -> None:
+    Image.new("F", (6, 4), 40_000).save(path)
 
 
 PAGES = "holds 3 images; save the one to use alone, or convert all"
@@ -177,7 +221,7 @@ PAGES = "holds 3 images; save the one to use alone, or convert all"
         ("a.png", write_pages, PAGES),
         ("a.tif", write_pages, PAGES),
         ("a.heic", write_heic, "cannot be .*not a JPEG, .*convert it to JPEG"),
-        ("a.png", write_16_bits, "has more than 8 bits a pixel"),
+        ("a.tif", write_32_bits, "has neither 8 nor 16 bits a value"),
     ],
 )
 def test_other_files_are_refused_with_a_remedy(tmp_path, name, write, words):

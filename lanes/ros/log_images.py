@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from lanes.errors import VideoError
-from lanes.recording import MAX_PIXELS
+from lanes.recording import BITS, MAX_PIXELS, to_8_bits
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,6 @@ _BAYER = {
     "bayer_gbrg": cv2.COLOR_BayerGBRG2RGB,
     "bayer_grbg": cv2.COLOR_BayerGRBG2RGB,
 }
-# Bits of a value; more than 8 are in two bytes.
-_BITS = (8, 10, 12, 14, 16)
 
 
 def _make_encodings() -> dict[str, _Encoding]:
@@ -59,7 +57,7 @@ def _make_encodings() -> dict[str, _Encoding]:
         encodings[name] = _Encoding(2, cv2.COLOR_YUV2RGB_UYVY)
     for name in ("yuv422_yuy2", "yuyv", "yuy2"):
         encodings[name] = _Encoding(2, cv2.COLOR_YUV2RGB_YUY2)
-    for bits in _BITS:
+    for bits in BITS:
         bytes_each = 1 if bits == 8 else 2
         for name, (channels, to_rgb) in _COLOURS.items():
             encodings[f"{name}{bits}"] = _Encoding(channels, to_rgb, bytes_each)
@@ -118,10 +116,7 @@ def decode_image(
     format is not one that is read.
     """
     image = _unpack(message, name)
-    if image is None or image.dtype == np.uint8:
-        return image
-    bits = bits or count_bits([int(image.max())])
-    return np.minimum(image >> (bits - 8), 255).astype(np.uint8)
+    return None if image is None else to_8_bits(image, bits)
 
 
 def find_peak(message: Any, name: str) -> int:
@@ -130,15 +125,6 @@ def find_peak(message: Any, name: str) -> int:
     if image is None or image.dtype != np.uint16:
         return 0
     return int(image.max())
-
-
-def count_bits(peaks: list[int]) -> int:
-    """Bits of the values of a camera, from the largest values of some of its images.
-
-    Cameras with 12 bits store them in words of 16.
-    """
-    peak = max(peaks, default=0)
-    return next(bits for bits in _BITS if peak < 1 << bits)
 
 
 def _unpack(message: Any, name: str) -> np.ndarray | None:

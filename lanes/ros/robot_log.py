@@ -23,11 +23,11 @@ from lanes.recording import (
     MAX_SHORT_SHARE,
     MIN_FPS,
     MIN_STEP,
+    count_bits,
     usual_rate,
 )
 from lanes.ros.log_files import LogReader, Topic, file_of_log, open_log
 from lanes.ros.log_images import (
-    count_bits,
     decode_image,
     decode_video,
     find_peak,

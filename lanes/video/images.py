@@ -19,7 +19,7 @@ import numpy as np
 
 from lanes.errors import PictureError
 from lanes.files import require_file, write_atomically
-from lanes.recording import MAX_PIXELS
+from lanes.recording import MAX_PIXELS, to_8_bits
 
 # Names of JPEG; OpenCV does not know all of them.
 _JPEG = (".jpg", ".jpeg", ".jpe", ".jfif")
@@ -114,6 +114,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
 
     It is turned as its EXIF orientation says; with `upright=False` it is as the sensor
     saw it. Gray images are repeated over three channels; an alpha channel is dropped.
+    Of images with 10 to 16 bits the brightest value shows the bits.
     Raises FileNotFoundError, or PictureError if the file is empty, truncated, damaged,
     too large, of another format, or holds several images.
     """
@@ -134,7 +135,11 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
             if opened.format != "MPO":
                 images = getattr(opened, "n_frames", 1)
             mode = opened.mode
+            # Pillow keeps the upper 8 of 16 bits, which are dark if the camera has 12
+            is_deep = ";16" in str(opened.tile)
             image = np.array(opened.convert("RGB"))
+            if is_deep and images == 1:
+                image = _read_16_bits(path)
             if upright:
                 image = make_upright(image, orientation_of(opened))
     except Exception as error:  # a damaged file makes Pillow raise many types
@@ -150,11 +155,23 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
             "to an mp4 video."
         )
     # Pillow's modes of integers and floating-point numbers
-    if mode[0] in "IF":
+    if mode[0] in "IF" and not is_deep:
         raise PictureError(
-            f"{path}: has more than 8 bits a pixel; save it again as JPEG."
+            f"{path}: has neither 8 nor 16 bits a value; save it again as JPEG."
         )
     return image
+
+
+def _read_16_bits(path: Path) -> np.ndarray:
+    """The RGB image, uint8, of a file whose values have two bytes, as it is stored."""
+    data = np.fromfile(path, np.uint8)
+    stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if stored is None:
+        raise ValueError("its values of 16 bits cannot be read")
+    if stored.ndim == 2:
+        return cv2.cvtColor(to_8_bits(stored), cv2.COLOR_GRAY2RGB)
+    without_alpha = to_8_bits(stored[..., :3])
+    return cv2.cvtColor(without_alpha, cv2.COLOR_BGR2RGB)
 
 
 def upright_axes(orientation: int) -> np.ndarray:

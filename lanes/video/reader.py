@@ -38,6 +38,7 @@ from lanes.recording import (
     MAX_SHORT_SHARE,
     MIN_FPS,
     MIN_STEP,
+    to_8_bits,
     usual_rate,
 )
 from lanes.ros.log_files import is_robot_log
@@ -58,6 +59,8 @@ _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 # A larger step forward is a clock that was set, as by the first report of an RTP
 # stream, which is since the year 1900.
 CLOCK_SET_S = 86_400.0
+# Pixels of 16 bits, in which cameras with 12 bits store theirs.
+_DEEP_FORMATS = ("gray16", "rgb48", "bgr48", "rgba64", "bgra64", "gbrp16")
 _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit
 # counts as equal.
@@ -890,8 +893,10 @@ def _upright_rgb(
     """The upright RGB image of a frame of `size` (width, height) before rotation."""
     width, height = size
     try:
-        rgb = converter.reformat(frame, width, height, format="rgb24", threads=1)
-        image = rgb.to_ndarray()
+        is_deep = frame.format.name.startswith(_DEEP_FORMATS)
+        values = "rgb48le" if is_deep else "rgb24"
+        rgb = converter.reformat(frame, width, height, format=values, threads=1)
+        image = to_8_bits(rgb.to_ndarray())
     except av.FFmpegError as error:
         raise VideoError(
             f"{path}: its colours cannot be converted to RGB (matrix "
