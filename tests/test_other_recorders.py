@@ -505,6 +505,8 @@ BINNED = {"binning_x": 2, "binning_y": 2}
 
 PARTS = {
     "binned": ((320, 180), BINNED, 0.5, (0, 0)),
+    "binned across": ((320, 360), {"binning_x": 2}, (0.5, 1), (0, 0)),
+    "binned down, resized": ((320, 90), {"binning_y": 2}, (0.5, 0.25), (0, 0)),
     "cut out": ((400, 200), {"roi": PART}, 1, (120, 100)),
     "cut out and binned": ((200, 100), {"roi": PART, **BINNED}, 0.5, (120, 100)),
     "resized afterwards": ((800, 400), {"roi": PART}, 2, (120, 100)),
@@ -657,6 +659,11 @@ UNUSABLE = [
         "a.mcap",
         of_part((300, 300), roi=PART),
         "that of 400x200 pixels, but the images have 300x300",
+    ),
+    (
+        "a.mcap",
+        of_part((640, 360), width=0, height=0),
+        "camera_info is not usable .it states a size of 0x0 pixels.; give --camera",
     ),
     (
         "a.mcap",

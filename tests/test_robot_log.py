@@ -22,7 +22,7 @@ from lanes.detect.road import road_height
 from lanes.detect.search import find_lane
 from lanes.drive import annotate_drive, track
 from lanes.drive_camera import camera_for
-from lanes.errors import VideoError
+from lanes.errors import CameraError, VideoError
 from lanes.files import read_telemetry
 from lanes.ros.robot_log import index_log
 from lanes.show.lane_messages import INFERRED_ALPHA, write_lane_messages
@@ -400,6 +400,59 @@ class TestCameraOfLog:
         assert camera.matrix == pytest.approx(self.PROJECTION[:, :3])
         assert not camera.distortion.any()
         assert not camera.is_fisheye
+
+    @pytest.mark.parametrize(
+        "name", ["image_rect", "image_rectified", "left_rect_raw", "rect"]
+    )
+    def test_words_of_a_topic_say_that_its_images_are_rectified(
+        self, tmp_path, fisheye, name
+    ):
+        camera = self.read(tmp_path, f"/camera/{name}", **fisheye)
+        assert camera.matrix == pytest.approx(self.PROJECTION[:, :3])
+
+    @pytest.mark.parametrize(
+        "name",
+        ["image_unrectified", "image_corrected", "image_not_rectified", "image_direct"],
+    )
+    def test_words_that_contain_rect_do_not(self, tmp_path, fisheye, name):
+        assert self.read(tmp_path, f"/camera/{name}", **fisheye).is_fisheye
+
+    def test_of_rectified_images_needs_no_other_matrix(self, tmp_path, fisheye):
+        changes = fisheye | {"k": np.zeros(9)}
+        camera = self.read(tmp_path, "/camera/image_rect", **changes)
+        assert camera.matrix == pytest.approx(self.PROJECTION[:, :3])
+
+    @pytest.mark.parametrize(
+        "first",
+        [
+            {"k": np.zeros(9), "p": np.zeros(12), "width": 0, "height": 0},
+            {"width": 0, "height": 0},
+            None,
+        ],
+        ids=["empty", "without a size", "damaged"],
+    )
+    def test_is_that_of_the_first_message_with_a_calibration(self, tmp_path, first):
+        path = self.with_calibrations(tmp_path / "a.mcap", [first, first, {}])
+        assert read_log_camera(path).with_pose(SMALL.pose) == SMALL
+
+    def test_is_refused_if_no_message_can_be_read(self, tmp_path):
+        path = self.with_calibrations(tmp_path / "a.mcap", [None, None])
+        words = r"no message on /camera/camera_info can be read; give --camera"
+        with pytest.raises(CameraError, match=words):
+            read_log_camera(path)
+
+    def with_calibrations(self, path: Path, changes: list[dict | None]) -> Path:
+        """A log whose messages about the camera have these changes; None: damaged."""
+        stamps = stamps_at(np.arange(len(changes)) / 10)
+        infos = []
+        for stamp_ns, fields in zip(stamps, changes, strict=True):
+            info = logs.Damaged(b"\0\1\0\0 cut")
+            if fields is not None:
+                info = logs.make_camera_info(SMALL, stamp_ns, **fields)
+            infos.append((stamp_ns, info))
+        images = stamp_images(TINY, stamps_at(TINY_TIMES_S))
+        topics = {"/camera/image_raw": images, "/camera/camera_info": infos}
+        return logs.write_messages(path, topics)
 
     def test_is_none_without_calibration(self, tmp_path):
         assert self.read(tmp_path, "/camera/image_raw", k=np.zeros(9)) is None

@@ -9,6 +9,7 @@ square.
 
 from __future__ import annotations
 
+import re
 import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +38,8 @@ DEFAULT_HFOV_DEG = 60.0
 OTHER_VIEWS = "--hfov 45, --hfov 90"
 GIVEN = "as given"
 PINHOLE, EQUIDISTANT = LENSES
+# Names of topics with rectified images: image_rect_color, but not image_unrectified.
+_RECTIFIED = r"(?<![a-z])(?<!non_)(?<!not_)rect(ified)?(?![a-z])"
 
 # (width, height) in pixels.
 Size = tuple[int, int]
@@ -176,38 +179,58 @@ def read_log_camera(file: Path, topic: str | None = None) -> Camera | None:
     """The camera of the images on a topic of a robot log; None if the file is no log,
     or has no calibration of them.
 
-    It is on the topic `camera_info` next to theirs; with "rect" in its name theirs is
-    rectified. Raises LaneError.
+    It is on the topic `camera_info` next to theirs; with "rect" as a word in its name
+    theirs is rectified. Raises LaneError.
     """
     if not is_robot_log(file):
         return None
     log = index_log(file, topic)
     space, _, images = log.topic.removesuffix("/compressed").rpartition("/")
-    entries = _read_camera_info(file, space)
-    if not entries or not np.any(entries["k"]):  # not calibrated
+    rectified = bool(re.search(_RECTIFIED, images))
+    entries = _read_camera_info(file, space, rectified=rectified)
+    if not entries:  # not calibrated
         return None
     try:
-        return _camera_of(entries, log.size, rectified="rect" in images)
+        return _camera_of(entries, log.size, rectified=rectified)
     except (CameraError, TypeError, ValueError, OverflowError) as error:
         raise CameraError(
             f"{file}: its camera_info is not usable ({error}); give --camera or --hfov."
         ) from error
 
 
-def _read_camera_info(file: Path, space: str) -> dict[str, Any]:
-    """Entries of the first message about the camera in a namespace of a robot log; none
-    without one.
+def _read_camera_info(file: Path, space: str, *, rectified: bool) -> dict[str, Any]:
+    """Entries of the first calibration among the messages about the camera in a
+    namespace of a robot log; none without one.
+
+    Drivers send empty messages before they know the camera. Raises CameraError if no
+    message can be read.
     """
+    known: dict[str, Any] = {}
     with open_log(file) as reader:
         for name in ("camera_info", "calibration"):
             topic = reader.topics.get(f"{space}/{name}")
-            if not topic or not topic.count:
+            if not topic or topic.kind not in ("CameraInfo", "CameraCalibration"):
                 continue
-            if topic.kind in ("CameraInfo", "CameraCalibration"):
-                _, message = next(reader.messages(topic.name))
+            decoded = 0
+            for _, message in reader.messages(topic.name):
+                decoded += 1
                 # some are upper case in ROS 1
-                return {key.lower(): value for key, value in vars(message).items()}
-    return {}
+                entries = {key.lower(): value for key, value in vars(message).items()}
+                if _is_calibrated(entries, rectified=rectified):
+                    known = known or entries
+                    if entries["width"] and entries["height"]:
+                        return entries
+            if topic.count and not decoded:
+                raise CameraError(
+                    f"{file}: no message on {topic.name} can be read; give --camera or "
+                    "--hfov."
+                )
+    return known
+
+
+def _is_calibrated(entries: dict[str, Any], *, rectified: bool) -> bool:
+    """Whether a `camera_info` has the matrix of its images."""
+    return bool(np.any(entries["k"]) or (rectified and np.any(entries["p"])))
 
 
 def _camera_of(entries: dict[str, Any], size: Size, *, rectified: bool) -> Camera:
@@ -230,13 +253,14 @@ def _camera_of(entries: dict[str, Any], size: Size, *, rectified: bool) -> Camer
     if size == camera.size or is_whole:
         return camera
 
-    matrix = camera.matrix.copy()
-    matrix[:2, 2] -= [left, top]
     columns = part_width // binning_x
     rows = part_height // binning_y
-    cropped = replace(
-        camera, width=columns * binning_x, height=rows * binning_y, matrix=matrix
-    )
+    # from the corner of the first pixel, half a pixel before its centre
+    to_corner = np.array([[1, 0, 0.5 - left], [0, 1, 0.5 - top], [0, 0, 1]])
+    to_centre = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1]])
+    shrink = np.diag([1 / binning_x, 1 / binning_y, 1.0])
+    matrix = to_centre @ shrink @ to_corner @ camera.matrix
+    cropped = replace(camera, width=columns, height=rows, matrix=matrix)
     if not cropped.has_aspect_of(size):
         width, height = size
         raise ValueError(
@@ -248,10 +272,14 @@ def _camera_of(entries: dict[str, Any], size: Size, *, rectified: bool) -> Camer
 
 def _camera_of_sensor(entries: dict[str, Any], *, rectified: bool) -> Camera:
     """The camera of images of the whole sensor, by the entries of a `camera_info`."""
-    content: dict[str, Any] = {
-        "image_width": int(entries["width"]),
-        "image_height": int(entries["height"]),
-    }
+    width = int(entries["width"])
+    height = int(entries["height"])
+    if not (width and height):
+        raise ValueError(f"it states a size of {width}x{height} pixels")
+    content: dict[str, Any] = {"image_width": width, "image_height": height}
+    if rectified and not np.any(entries["p"]):
+        raise ValueError("its projection matrix is zero")
+
     if rectified:
         matrix = np.reshape(entries["p"], (3, 4))[:, :3]
         content["distortion_coefficients"] = {"data": []}

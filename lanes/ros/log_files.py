@@ -109,8 +109,9 @@ class LogReader:
     def messages(self, topic: str, start_ns: int = 0) -> Iterator[Recorded]:
         """Times of the recording, ns, and messages on a topic, in the log's order.
 
-        They are recorded at or after `start_ns`. Messages of Foxglove's schemas have a
-        `timestamp`, a mapping or a message of ROS, all others a `header`.
+        They are recorded at or after `start_ns`; damaged ones are left out. Messages of
+        Foxglove's schemas have a `timestamp`, a mapping or a message of ROS, all others
+        a `header`.
         """
         decode = _decoder_of(self.topics[topic])
         for file in self._files:
@@ -118,7 +119,13 @@ class LogReader:
             if not keys:
                 continue
             for time_ns, data in file.read(keys, start_ns):
-                yield time_ns, decode(data)
+                try:
+                    message = decode(data)
+                except ImportError:
+                    raise
+                except Exception:  # a damaged message raises many types
+                    continue
+                yield time_ns, message
 
 
 def is_robot_log(path: str | Path) -> bool:

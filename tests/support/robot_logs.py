@@ -113,6 +113,12 @@ def make_camera_info(
     return types["sensor_msgs/msg/CameraInfo"](*fields.values())
 
 
+class Damaged(bytes):
+    """The data of a message that cannot be read, of this type."""
+
+    __msgtype__ = "sensor_msgs/msg/CameraInfo"
+
+
 def write_messages(
     path: Path,
     topics: Mapping[str, Messages],
@@ -152,7 +158,9 @@ def _write_topics(
         kind = first.__msgtype__
         connection = bag.add_connection(topic, kind, typestore=store)
         for time_ns, message in messages:
-            bag.write(connection, time_ns, serialize(message, kind))
+            is_damaged = isinstance(message, Damaged)
+            data = bytes(message) if is_damaged else serialize(message, kind)
+            bag.write(connection, time_ns, data)
 
 
 def write_log(
