@@ -5,6 +5,8 @@ What is in them is used, or refused by its name, before any work.
 
 from __future__ import annotations
 
+import base64
+import json
 import os
 import re
 import shutil
@@ -186,16 +188,109 @@ def test_messages_in_protobuf_without_a_definition_are_named(tmp_path, recorders
         inspect_video(path)
 
 
-@pytest.fixture(params=[("h264", "protobuf"), ("h265", "json")], ids="-".join)
+# Types of ROS in JSON, and other names of types.
+
+IDL_NAMES = [
+    "sensor_msgs::msg::CompressedImage",
+    "sensor_msgs::msg::dds_::CompressedImage_",
+]
+
+
+@pytest.mark.parametrize("type_name", IDL_NAMES)
+def test_types_are_known_by_their_names_in_omg_idl(tmp_path, recorders, type_name):
+    messages = []
+    for _, message in stamp_images(TINY, STAMPS, ".png"):
+        messages.append(bytes(logs.ROS2.serialize_cdr(message, message.__msgtype__)))
+    topic = recorders.RecordedTopic(type_name, "cdr", STAMPS, messages)
+    path = recorders.write_mcap(tmp_path / "a.mcap", {"/camera": topic})
+    assert shades(path) == SHADES
+
+
+@pytest.mark.parametrize("ros1", [False, True], ids=["ROS 2", "ROS 1"])
+@pytest.mark.parametrize("as_numbers", [False, True], ids=["base64", "numbers"])
+def test_types_of_ros_are_read_in_json(tmp_path, recorders, ros1, as_numbers):
+    """With the names of fields of ROS 1 or 2, and bytes as in a bridge or a list."""
+    seconds, fraction = ("secs", "nsecs") if ros1 else ("sec", "nanosec")
+    matrix, lens = ("K", "D") if ros1 else ("k", "d")
+    headers = []
+    for stamp_ns in STAMPS:
+        whole, rest = divmod(stamp_ns, 10**9)
+        headers.append({"stamp": {seconds: whole, fraction: rest}})
+    images = []
+    for header, row in zip(headers, RAW_TINY, strict=True):
+        data = (
+            list(row["data"]) if as_numbers else base64.b64encode(row["data"]).decode()
+        )
+        images.append(json.dumps(row | {"header": header, "data": data}).encode())
+    info = {
+        "header": headers[0],
+        "width": 640,
+        "height": 360,
+        "distortion_model": "plumb_bob",
+        lens: SMALL.distortion.tolist(),
+        matrix: SMALL.matrix.ravel().tolist(),
+        "roi": {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0},
+    }
+    record = recorders.RecordedTopic
+    recorded = [stamp_ns + 5_000_000 for stamp_ns in STAMPS]
+    path = recorders.write_mcap(
+        tmp_path / "a.mcap",
+        {
+            "/front/image": record("sensor_msgs/Image", "json", recorded, images),
+            "/front/camera_info": record(
+                "sensor_msgs/CameraInfo",
+                "json",
+                recorded[:1],
+                [json.dumps(info).encode()],
+            ),
+        },
+    )
+    assert shades(path) == SHADES
+    times_s = [frame.time_s for frame in read_timed_frames(path)]
+    assert times_s == pytest.approx(TINY_TIMES_S)
+    np.testing.assert_array_equal(read_log_camera(path).matrix, SMALL.matrix)
+
+
+def test_damaged_messages_of_images_are_left_out(tmp_path, recorders):
+    messages = []
+    for _, message in stamp_images(TINY, STAMPS):
+        messages.append(bytes(logs.ROS2.serialize_cdr(message, message.__msgtype__)))
+    messages[2] = messages[2][:30]
+    kind = "sensor_msgs/msg/Image"
+    topic = recorders.RecordedTopic(kind, "cdr", STAMPS, messages)
+    path = recorders.write_mcap(tmp_path / "a.mcap", {"/camera": topic})
+    assert shades(path) == [0, 20, 60, 80, 100]
+    assert inspect_video(path).missing == 1
+
+
+X264 = {"tune": "zerolatency", "crf": "10", "g": "5", "bf": "0"}
+# Encoder and options of a video without B frames, with a key frame every five.
+ENCODERS = {
+    "h264": ("libx264", X264),
+    "h265": ("libx265", X264),
+    "av1": ("libsvtav1", {"crf": "10", "g": "5", "svtav1-params": "pred-struct=1"}),
+    "vp9": ("libvpx-vp9", {"crf": "10", "g": "5", "lag-in-frames": "0"}),
+}
+
+
+@pytest.fixture(
+    params=[
+        ("h264", "protobuf"),
+        ("h265", "json"),
+        ("av1", "protobuf"),
+        ("vp9", "json"),
+    ],
+    ids="-".join,
+)
 def video_log(request, tmp_path, recorders) -> Path:
-    """A video without B frames, with a key frame every five, each frame brighter."""
+    """A video of 15 frames, each brighter than the one before."""
     codec, encoding = request.param
     images = []
     for number in range(15):
         images.append(np.full((96, 128, 3), 20 + 10 * number, np.uint8))
-    options = {"tune": "zerolatency", "crf": "10", "g": "5", "bf": "0"}
-    name = codec.replace("h", "libx")
-    video = encode(tmp_path / f"drive.{codec}", images, name, options=options)
+    encoder, options = ENCODERS[codec]
+    suffix = codec if codec.startswith("h") else "ivf"
+    video = encode(tmp_path / f"drive.{suffix}", images, encoder, options=options)
     with av.open(str(video)) as opened:
         frames = [bytes(packet) for packet in opened.demux() if packet.size]
     rows = [{"data": frame, "format": codec} for frame in frames]
@@ -641,7 +736,7 @@ SINGLE = logs.make_image(TINY[0], logs.BEGIN_NS)
 UNUSABLE = [
     ("drive.bag", cut_at(0.95), "cut off"),
     ("drive.db3", cut_at(0.3), "cut off"),
-    ("drive.mcap", cut_at(0.95), "cut off"),
+    ("drive.mcap", cut_at(0.95), "cut off.*, or repair it with `mcap recover`"),
     ("folder", cut_at(0.001), "cut off"),
     ("encrypted.bag", write_encrypted, "is cut off, damaged, encrypted.*AesCbcEncryp"),
     ("a.mcap", of_message(FLOATS), "encoding '32FC1'; record one of rgb8"),

@@ -36,6 +36,10 @@ _RECORDING = "rosbag2_bagfile_information"
 # What a message compressed by rosbag2 begins with; one in CDR begins with a zero.
 _ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
+# Between the parts of a type's name: of ROS, of protobuf, and of OMG IDL, in which DDS
+# adds an underscore to types.
+_PARTS_OF_TYPE = r"[./]|::"
+
 # Foxglove's schemas as messages of ROS, which rosbags does not know:
 # https://docs.foxglove.dev/docs/sdk/schemas. They begin with time and frame.
 _STAMPED = "builtin_interfaces/Time timestamp\nstring frame_id\n"
@@ -52,6 +56,8 @@ _FOXGLOVE = {
 }
 # Values in JSON of fields that are left out, by type.
 _DEFAULTS: dict[str, Any] = {"uint8[]": "", "string": "", "uint32": 0}
+# Types of ROS that have the fields of Foxglove's, with a header.
+_LIKE_FOXGLOVE = {"Image": "RawImage", "CameraInfo": "CameraCalibration"}
 
 # A message and the time of its recording, ns.
 Recorded = tuple[int, Any]
@@ -73,12 +79,12 @@ class Topic:
     @property
     def package(self) -> str:
         """The package of the type: foxglove of foxglove.RawImage."""
-        return re.split(r"[./]", self.type_name)[0]
+        return re.split(_PARTS_OF_TYPE, self.type_name)[0]
 
     @property
     def kind(self) -> str:
         """The type without its package: Image of sensor_msgs/msg/Image."""
-        return re.split(r"[./]", self.type_name)[-1]
+        return re.split(_PARTS_OF_TYPE, self.type_name)[-1].rstrip("_")
 
 
 @dataclass(frozen=True)
@@ -172,9 +178,12 @@ def open_log(path: Path | str) -> Iterator[LogReader]:
             "run `pip install rosbags mcap mcap-protobuf-support`."
         ) from error
     except Exception as error:  # damaged files raise many types
+        remedy = "copy it again"
+        if ".mcap" in path.name.lower():
+            remedy += ", or repair it with `mcap recover` (github.com/foxglove/mcap)"
         raise VideoError(
             f"{path}: is cut off, damaged, encrypted or no robot log ({error}); "
-            "copy it again."
+            f"{remedy}."
         ) from error
 
 
@@ -381,20 +390,31 @@ def _protobuf_decoder(topic: Topic) -> Callable[[bytes], Any]:
 
 
 def _json_decoder(topic: Topic) -> Callable[[bytes], Any]:
-    """Messages of Foxglove's schemas in JSON, where bytes are in base64."""
-    kinds: dict[str, str] = {}
-    for line in _FOXGLOVE[topic.kind].splitlines():
-        kind, name = line.split()
-        kinds[name] = kind
+    """Messages of ROS or of Foxglove's schemas in JSON; all names in lower case.
+
+    Bytes are in base64, or a list of numbers.
+    """
+    kind = _LIKE_FOXGLOVE.get(topic.kind, topic.kind)
+    defaults: dict[str, Any] = {"timestamp": SimpleNamespace()}
+    for line in _FOXGLOVE[kind].splitlines():
+        field_type, name = line.split()
+        defaults[name.lower()] = _DEFAULTS.get(field_type, [])
 
     def decode(data: bytes) -> SimpleNamespace:
-        content = json.loads(data)
-        fields = {"timestamp": content.get("timestamp") or {}}
-        for name, kind in kinds.items():
-            value = content.get(name)
-            if value is None:
-                value = _DEFAULTS.get(kind, [])
-            fields[name] = base64.b64decode(value) if kind == "uint8[]" else value
+        content = json.loads(data, object_hook=_lower_case)
+        fields = dict(defaults)
+        for name, value in vars(content).items():
+            if value is not None:
+                fields[name] = value
+        if "data" in fields:
+            stored = fields["data"]
+            is_text = isinstance(stored, str)
+            fields["data"] = base64.b64decode(stored) if is_text else bytes(stored)
         return SimpleNamespace(**fields)
 
     return decode
+
+
+def _lower_case(mapping: dict[str, Any]) -> SimpleNamespace:
+    """An object of JSON, with names in lower case: ROS 1 and 2 differ in them."""
+    return SimpleNamespace(**{name.lower(): value for name, value in mapping.items()})

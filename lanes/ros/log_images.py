@@ -86,23 +86,24 @@ _VIDEO_CODECS = re.compile(
 
 @dataclass(frozen=True)
 class _Codec:
-    """A codec of foxglove.CompressedVideo: FFmpeg's name, and its key frames.
+    """A codec of foxglove.CompressedVideo: names of FFmpeg's decoders, and key frames.
 
     A key frame has a unit (NAL) of one of `key_units`. The type of a unit is in its
     first byte: `mask` after a shift by `shift` bits.
     """
 
-    name: str
+    decoders: tuple[str, ...]
     key_units: Iterable[int] = ()
     shift: int = 0
     mask: int = 0
 
 
 _CODECS = {
-    "h264": _Codec("h264", key_units=(5,), mask=0x1F),
-    "h265": _Codec("hevc", key_units=range(16, 22), shift=1, mask=0x3F),
-    "vp9": _Codec("vp9"),
-    "av1": _Codec("av1"),
+    "h264": _Codec(("h264",), key_units=(5,), mask=0x1F),
+    "h265": _Codec(("hevc",), key_units=range(16, 22), shift=1, mask=0x3F),
+    "vp9": _Codec(("vp9", "libvpx-vp9")),
+    # FFmpeg's own, "av1", needs a graphics card
+    "av1": _Codec(("libdav1d", "libaom-av1", "av1")),
 }
 
 
@@ -229,7 +230,13 @@ def decode_video(
     if codec not in _CODECS:
         known = ", ".join(_CODECS)
         raise VideoError(f"{name} is a video in {codec!r}; record {known}, or images.")
-    context: Any = av.CodecContext.create(_CODECS[codec].name, "r")
+    decoders = [name for name in _CODECS[codec].decoders if name in av.codecs_available]
+    if not decoders:
+        raise VideoError(
+            f"{name} is a video in {codec!r}, which this FFmpeg cannot decode; record "
+            "h264, or images."
+        )
+    context: Any = av.CodecContext.create(decoders[0], "r")
     context.thread_count = 1  # more would hold frames back
     context.options = {"max_pixels": str(MAX_PIXELS)}
 

@@ -229,8 +229,12 @@ def _stamp_ns(message: Any) -> int:
     has_header = hasattr(message, "header")
     stamp = message.header.stamp if has_header else message.timestamp
     fields: dict[str, Any] = stamp if isinstance(stamp, dict) else vars(stamp)
-    nanoseconds = fields.get("nanosec", fields.get("nsec", 0))
-    return int(fields.get("sec", 0)) * 10**9 + int(nanoseconds)
+    # by ROS 2, by ROS 1 and Foxglove, by the JSON of ROS 1
+    seconds = fields.get("sec", fields.get("secs", 0))
+    nanoseconds = 0
+    for name in ("nanosec", "nsec", "nsecs"):
+        nanoseconds = fields.get(name, nanoseconds)
+    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 # Times.
