@@ -19,17 +19,19 @@ from lanes.camera.calibration import (
     calibrate_boards,
     calibrate_detections,
     describe_calibration,
+    find_boards,
 )
 from lanes.camera.chessboard import Board
 from lanes.camera.model import Camera, load_camera, save_camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR
 from lanes.errors import CameraError
 from lanes.video.images import read_image, write_image
+from lanes.video.sources import find_sources
 from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.freeway import DASHCAM
 from tests.support.command_line import run
-from tests.support.project import names
+from tests.support.project import REAL_DATA, names
 from tests.support.shapes import intrinsics
 from tests.video.sample_videos import set_rotation
 
@@ -140,6 +142,107 @@ def test_of_three_boards_none_is_an_outlier():
     assert report.rejected == {}
     errors_px = list(report.board_rms_px.values())
     assert max(errors_px) > 2.5 * np.median(errors_px)
+
+
+# Two focal lengths.
+
+
+def zoomed(boards: Boards, names: list[str], scale: float) -> Boards:
+    """The boards, some of them taken with a zoom, which enlarges the image about its
+    centre.
+    """
+    centre = (np.array(SIZE) - 1) / 2
+    changed = dict(boards)
+    for name in names:
+        corners = scale * (boards[name].corners_px - centre) + centre
+        changed[name] = replace(boards[name], corners_px=corners.astype(np.float32))
+    return changed
+
+
+def groups_in(message: str) -> dict[float, set[str]]:
+    """The names of the images by the focal length in a message, pixels."""
+    lines = re.findall(r"^  (\d+) px: (.+)$", message, re.MULTILINE)
+    return {float(focal_px): set(names.split(", ")) for focal_px, names in lines}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("which", "scale"),
+    [
+        (slice(1, None, 2), 0.85),
+        (slice(1, None, 2), 0.5),
+        (slice(5), 0.9),
+        (slice(3), 1.2),
+    ],
+)
+def test_boards_of_two_focal_lengths_are_refused_with_the_files_of_each(
+    boards, which, scale
+):
+    names = list(boards)[which]
+    others = set(boards) - set(names)
+
+    with pytest.raises(CameraError, match="the boards have two focal lengths") as found:
+        calibrate_boards(zoomed(boards, names, scale))
+
+    (short_px, short), (long_px, long) = groups_in(str(found.value)).items()
+    smaller = min(scale, 1.0) * focal_px(DASHCAM)
+    larger = max(scale, 1.0) * focal_px(DASHCAM)
+    smaller_names = set(names) if scale < 1 else others
+    # a frontal board has any focal length
+    assert len(short ^ smaller_names) <= 1
+    assert short | long == set(boards)
+    assert short_px == pytest.approx(smaller, rel=0.01)
+    assert long_px == pytest.approx(larger, rel=0.01)
+
+
+def test_a_bad_board_does_not_hide_two_focal_lengths(boards):
+    names = list(boards)[::2]
+    with_bad = zoomed(boards, names, 0.85) | true_boards(4, noise_px=3.0)
+    with pytest.raises(CameraError, match="two focal lengths"):
+        calibrate_boards(with_bad)
+
+
+def test_boards_of_which_one_was_zoomed_give_the_lens_of_the_others(boards):
+    """A frontal board has any focal length, and would be the second of its group."""
+    del boards["board6.jpg"]
+    camera = calibrate_boards(zoomed(boards, ["board9.jpg"], 0.85))
+    assert list(camera.report.rejected) == ["board9.jpg"]
+    assert_is_the_dashcam(camera)
+
+
+def test_a_focus_that_changes_the_focal_length_a_little_is_accepted(boards):
+    camera = calibrate_boards(zoomed(boards, list(boards)[::2], 1.02))
+    assert focal_px(camera) == pytest.approx(1.01 * focal_px(DASHCAM), rel=0.01)
+
+
+@pytest.fixture(scope="module")
+def real_boards() -> Boards:
+    if not (REAL_DATA / "camera_cal").is_dir():
+        pytest.skip("Udacity's boards are not there")
+    files = find_sources([str(REAL_DATA / "camera_cal")]).files
+    return find_boards(files).boards
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [5, 7, 10, 15, 20])
+def test_real_boards_on_paper_have_one_focal_length(real_boards, count):
+    """Paper on a wall bends: each board alone has its own focal length."""
+    rng = np.random.default_rng(count)
+    names = rng.choice(list(real_boards), count, replace=False)
+    camera = calibrate_boards({name: real_boards[name] for name in names})
+    assert len(camera.report.board_rms_px) >= count - 2
+
+
+@pytest.mark.slow
+def test_real_boards_of_two_focal_lengths_are_refused(real_boards):
+    names = list(real_boards)[1::2]
+
+    with pytest.raises(CameraError, match="two focal lengths") as found:
+        calibrate_boards(zoomed(real_boards, names, 0.85))
+
+    (short_px, short), (long_px, _) = groups_in(str(found.value)).items()
+    assert (short_px, long_px) == pytest.approx((987, 1162), rel=0.01)
+    assert len(short ^ set(names)) <= 2
 
 
 # Wide lenses.

@@ -19,6 +19,7 @@ import numpy as np
 
 from lanes.camera.chessboard import Board, Pattern, draw_board, find_board
 from lanes.camera.model import CalibrationReport, Camera, resize_points
+from lanes.camera.zoom import find_focal_groups
 from lanes.canvas import (
     LANE_COLOUR,
     LEFT_COLOUR,
@@ -111,7 +112,7 @@ def calibrate(
     """
     paths = [source] if isinstance(source, str | Path) else list(source)
     names = list(map(str, paths))
-    files = find_sources(names).files
+    files = find_sources(names).warn().files
     detections = find_boards(files, pattern, progress=progress)
     return calibrate_detections(detections, ", ".join(names[:3]))
 
@@ -293,6 +294,7 @@ def calibrate_boards(boards: Boards, unused: Reasons | None = None) -> Camera:
             )
 
     fit = _fit_best_lens(used, size, every_board=len(used) == len(boards))
+    _require_one_focal_length(_sure(used), fit)
     limit_px = _MAX_ERROR_SHARE * max(size)
     if fit.report.rms_px > limit_px:
         raise CameraError(
@@ -303,6 +305,34 @@ def calibrate_boards(boards: Boards, unused: Reasons | None = None) -> Camera:
         )
     rejected |= fit.report.rejected
     return replace(fit.camera, report=replace(fit.report, rejected=rejected))
+
+
+def _require_one_focal_length(boards: Boards, fit: _Fit) -> None:
+    """Raise CameraError if two focal lengths explain the boards, also those that one
+    lens leaves out, clearly better.
+    """
+    if fit.camera.is_fisheye:
+        return
+    kept = {name: boards[name] for name in fit.report.board_rms_px}
+    groups = find_focal_groups(boards, fit.camera)
+    if groups:
+        errors_px = groups[0].board_rms_px | groups[1].board_rms_px
+        if len(kept) < len(boards) and _find_outlier(errors_px):
+            groups = None
+    if groups is None and len(kept) < len(boards):
+        groups = find_focal_groups(kept, fit.camera)
+    if groups is None:
+        return
+
+    described = ""
+    for group in groups:
+        names = ", ".join(sorted(group.board_rms_px, key=list(boards).index))
+        described += f"\n  {group.focal_px:.0f} px: {names}"
+    raise CameraError(
+        "the boards have two focal lengths, so that the camera zoomed or changed its "
+        "lens between them; calibrate each of these groups alone, or take all images "
+        f"with one setting.{described}"
+    )
 
 
 def _in_words(size: Size) -> str:
@@ -401,18 +431,24 @@ def _fit_without_outliers(
     while True:
         fit = _fit_once(left, size, reasons, fisheye=fisheye)
         errors_px = fit.report.board_rms_px
-        worst = max(errors_px, key=errors_px.__getitem__)
-        error_px = errors_px[worst]
-        median_px = float(np.median(list(errors_px.values())))
-        limit_px = max(_OUTLIER_RATIO * median_px, _MIN_OUTLIER_ERROR_PX)
+        worst = _find_outlier(errors_px)
         # With three boards it cannot be decided which one is wrong.
-        if len(left) == _MIN_VIEWS or error_px <= limit_px:
+        if len(left) == _MIN_VIEWS or worst is None:
             return fit
+        median_px = np.median(list(errors_px.values()))
         reasons[worst] = (
-            f"error {error_px:.2f} px, more than {_OUTLIER_RATIO} times the median "
-            f"board's {median_px:.2f}"
+            f"error {errors_px[worst]:.2f} px, more than {_OUTLIER_RATIO} times the "
+            f"median board's {median_px:.2f}"
         )
         del left[worst]
+
+
+def _find_outlier(errors_px: Mapping[str, float]) -> str | None:
+    """The board with the largest error, if that is much larger than the median."""
+    worst = max(errors_px, key=errors_px.__getitem__)
+    median_px = float(np.median(list(errors_px.values())))
+    limit_px = max(_OUTLIER_RATIO * median_px, _MIN_OUTLIER_ERROR_PX)
+    return worst if errors_px[worst] > limit_px else None
 
 
 def _fit_once(boards: Boards, size: Size, rejected: Reasons, *, fisheye: bool) -> _Fit:
