@@ -57,8 +57,8 @@ from lanes.detect.search import HEIGHT_RANGE_M, detect_still
 from lanes.drive import annotate_sources, make_tracker, planned_outputs
 from lanes.drive_camera import camera_for, pose_for
 from lanes.errors import CameraError, LaneError, PoseError
-from lanes.files import MESSAGES_SUFFIX, require_no_input_among, write_json_lines
-from lanes.label import describe_proposals, label_file, pick_stills, write_proposals
+from lanes.files import require_no_input_among, write_json_lines
+from lanes.label import describe_proposals, pick_stills, write_proposals
 from lanes.labels import (
     detect_in_sequence,
     detect_in_stills,
@@ -97,6 +97,7 @@ from lanes.video.sources import (
     Sources,
     files_of,
     find_sources,
+    list_names,
     require_distinct_outputs,
     require_topic,
     sample_images,
@@ -130,7 +131,9 @@ class Calibrate:
         _add_output(parser, "camera.yaml", "camera file to write")
 
     def run(self, options: argparse.Namespace) -> int:
-        paths = find_sources(map(str, options.pictures)).files
+        sources = find_sources(map(str, options.pictures))
+        paths = sources.files
+        _note_skipped(sources)
         outputs = [options.output]
         if options.sheet:
             outputs.append(options.sheet)
@@ -596,7 +599,7 @@ class Score:
         for what, some in describe_predictions(labels, predictions, pictures):
             if some:
                 count = f"{len(some)} of {len(labels)}"
-                notes += f"note: {count} {what}: {_list_names(some)}\n"
+                notes += f"note: {count} {what}: {list_names(some)}\n"
         page = write_score_page(
             options.output,
             scores,
@@ -852,21 +855,9 @@ def _read_settings(
 
 
 def _note_skipped(sources: Sources) -> None:
-    """Print which files are no input; label files of the stills are not named."""
-    labels = {label_file(still) for still in sources.stills}
-    ours = []
-    others = []
-    for path in sources.skipped:
-        if path.name.endswith(MESSAGES_SUFFIX):
-            ours.append(path)
-        elif path not in labels:
-            others.append(path)
-    if others:
-        words = "neither a video nor an image"
-        print(f"note: skipped, {words}: {_list_names(others)}", file=sys.stderr)
-    if ours:
-        words = "written by annotate"
-        print(f"note: skipped, {words}: {_list_names(ours)}", file=sys.stderr)
+    """Print which files are no input."""
+    for note in sources.notes():
+        print(f"note: {note}", file=sys.stderr)
 
 
 def _find_field(options: argparse.Namespace, sources: Sources) -> FieldOfView:
@@ -920,12 +911,6 @@ def _camera_options(options: argparse.Namespace) -> str:
         if value is not None:
             words.append(f"--{name} {shlex.quote(str(value))}")
     return " ".join(words)
-
-
-def _list_names(paths: Sequence[Path]) -> str:
-    """The first five paths, and how many more there are."""
-    more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
-    return ", ".join(map(str, paths[:5])) + more
 
 
 def _report_failures(failures: Sequence[Exception], done: int) -> int:

@@ -132,7 +132,7 @@ def annotate(
     """
     checked = require_options(options)
     names = [sources] if isinstance(sources, str | Path) else sources
-    found = find_sources(map(str, names))
+    found = find_sources(map(str, names)).warn()
     require_topic(found.videos, checked.topic)
     field = None
     if camera is None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -9,12 +10,14 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import lanes
 from lanes.errors import PictureError, VideoError
 from lanes.video.images import read_image, write_image
 from lanes.video.reader import read_video
 from lanes.video.sources import find_sources, sample_images
 from lanes.video.writer import VideoWriter
 from tests.support.clips import encode
+from tests.support.painted_drive import SMALL
 
 
 def plain(level: int, width: int = 64, height: int = 36) -> np.ndarray:
@@ -93,6 +96,69 @@ class TestFindSources:
     def test_a_video_that_is_named_is_read_whatever_its_suffix(self, folder, name):
         (video,) = find_sources([str(folder / name)]).videos
         assert len(list(read_video(video))) == 5
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory) -> Path:
+    """Two recordings of ROS beside a video, and a folder of stills."""
+    folder = tmp_path_factory.mktemp("recordings")
+    for name in ("bag1", "bag2"):
+        (folder / name).mkdir()
+        (folder / name / "metadata.yaml").write_text("rosbag2_bagfile_information:")
+        (folder / name / f"{name}_0.db3").touch()
+        (folder / name / "bag.lane.mcap").touch()
+    (folder / "drive.mp4").touch()
+    (folder / "stills").mkdir()
+    (folder / "stills" / "a.png").touch()
+    return folder
+
+
+class TestRecordingsInFolders:
+    @pytest.mark.parametrize(
+        ("pattern", "videos", "folders"),
+        [
+            ("", ["bag1", "bag2", "drive.mp4"], ["stills"]),
+            ("*", ["bag1", "bag2", "drive.mp4"], ["stills"]),
+            ("**/*", ["bag1", "bag2", "drive.mp4"], []),
+            ("*/*", ["bag1", "bag2"], []),
+            ("*/*.yaml", ["bag1", "bag2"], []),
+            ("*/*.db3", ["bag1_0.db3", "bag2_0.db3"], []),
+            ("bag*", ["bag1", "bag2"], []),
+        ],
+    )
+    def test_are_one_video_each(self, recordings, pattern, videos, folders):
+        found = find_sources([f"{recordings}/{pattern}"])
+        assert sorted(names(found.videos)) == videos
+        assert names(found.skipped_folders) == folders
+
+    def test_need_no_video_beside_them(self, recordings, tmp_path):
+        shutil.copytree(recordings / "bag1", tmp_path / "all" / "bag1")
+        found = find_sources([str(tmp_path / "all")])
+        assert names(found.videos) == ["bag1"]
+
+    def test_in_another_folder_are_named_where_nothing_else_is(self, recordings):
+        parent = recordings.parent / "parent"
+        shutil.copytree(recordings, parent / "recordings")
+        with pytest.raises(FileNotFoundError, match="such as .*parent/recordings"):
+            find_sources([str(parent)])
+
+
+def test_all_that_is_skipped_is_in_the_notes(recordings, folder):
+    found = find_sources([str(recordings), str(folder)])
+    others = ", ".join(str(folder / name) for name in OTHERS)
+    inner = f"{recordings}/stills, {folder}/empty"
+    assert found.notes() == [
+        f"skipped, neither a video nor an image: {others}",
+        f"skipped, folders, which have to be named themselves: {inner}",
+    ]
+
+
+def test_skipped_files_are_a_warning_in_python(recordings, tmp_path):
+    with (
+        pytest.warns(UserWarning, match="skipped, folders.*stills"),
+        pytest.raises(lanes.LaneError),  # its video is empty
+    ):
+        lanes.annotate(recordings, tmp_path, SMALL)
 
 
 @pytest.fixture(scope="module")

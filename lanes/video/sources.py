@@ -4,6 +4,7 @@ from them.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from glob import glob
@@ -36,16 +37,51 @@ class Sources:
     """Videos and stills without duplicates, in natural order within a folder.
 
     `skipped` files are neither, or messages of a lane that were written here.
+    `skipped_folders` are in the folders that were named.
     """
 
     videos: tuple[Path, ...]
     stills: tuple[Path, ...]
     skipped: tuple[Path, ...] = ()
+    skipped_folders: tuple[Path, ...] = ()
 
     @property
     def files(self) -> tuple[Path, ...]:
         """The stills, then the videos."""
         return self.stills + self.videos
+
+    def warn(self) -> Sources:
+        """The same, with a warning of what is skipped."""
+        for note in self.notes():
+            warnings.warn(note, stacklevel=3)
+        return self
+
+    def notes(self) -> list[str]:
+        """What is skipped, in words; label files of the stills are not named."""
+        labels = {still.with_suffix(".json") for still in self.stills}
+        ours = []
+        others = []
+        for path in self.skipped:
+            if path.name.endswith(MESSAGES_SUFFIX):
+                ours.append(path)
+            elif path not in labels:
+                others.append(path)
+        words = {
+            "neither a video nor an image": others,
+            "written by annotate": ours,
+            "folders, which have to be named themselves": self.skipped_folders,
+        }
+        return [
+            f"skipped, {reason}: {list_names(paths)}"
+            for reason, paths in words.items()
+            if paths
+        ]
+
+
+def list_names(paths: Sequence[Path]) -> str:
+    """The first five paths, and how many more there are."""
+    more = f" and {len(paths) - 5} more" if len(paths) > 5 else ""
+    return ", ".join(map(str, paths[:5])) + more
 
 
 def find_sources(names: Iterable[str]) -> Sources:
@@ -53,9 +89,10 @@ def find_sources(names: Iterable[str]) -> Sources:
 
     Names are files, folders (the videos and stills in the folder itself, not in its
     subfolders), or patterns such as ``drives/*.mp4``. The folder of a ROS 2 recording
-    is one video. Images and videos are distinguished by their names (`kind_of_file`). A
-    file named directly that is not an image is read as a video. Raises
-    FileNotFoundError for a name that stands for no file.
+    is one video, also in a folder or by a pattern that its parts match. Images and
+    videos are distinguished by their names (`kind_of_file`). A file named directly that
+    is not an image is read as a video. Raises FileNotFoundError for a name that stands
+    for no file.
     """
     names = list(names)
     if not names:
@@ -66,13 +103,19 @@ def find_sources(names: Iterable[str]) -> Sources:
 
     files: dict[Path, str] = {}
     skipped: list[Path] = []
+    folders: list[Path] = []
     for name in names:
         in_folder = _is_folder_of_files(name)
-        kinds = {path: _kind(path, in_folder) for path in _files(name)}
+        paths, others = _files(name)
+        kinds = {path: _kind(path, in_folder) for path in paths}
         if in_folder and not any(kinds.values()):
+            remedy = "name another folder"
+            if others:
+                remedy = f"name one of its folders, such as {others[0]}"
             raise FileNotFoundError(
-                f"{name}: holds neither a video nor an image; name another folder."
+                f"{name}: holds neither a video nor an image; {remedy}."
             )
+        folders += others
         for path, kind in kinds.items():
             if kind is None:
                 skipped.append(path)
@@ -86,7 +129,7 @@ def find_sources(names: Iterable[str]) -> Sources:
 
     videos = [path for path, kind in files.items() if kind == "video"]
     stills = [path for path, kind in files.items() if kind == "image"]
-    return Sources(tuple(videos), tuple(stills), tuple(skipped))
+    return Sources(tuple(videos), tuple(stills), tuple(skipped), tuple(folders))
 
 
 def _is_folder_of_files(name: str) -> bool:
@@ -98,6 +141,8 @@ def _kind(path: Path, in_folder: bool) -> str | None:
     """The kind of a source; None for a file that is skipped."""
     if path.name.endswith(MESSAGES_SUFFIX):
         return None
+    if is_bag_folder(path):
+        return "video"
     kind = kind_of_file(path)
     if kind is None and not in_folder:
         return "video"
@@ -146,7 +191,8 @@ def require_distinct_outputs(planned: Sequence[tuple[Path, Path]]) -> None:
             )
 
 
-def _files(name: str) -> list[Path]:
+def _files(name: str) -> tuple[list[Path], list[Path]]:
+    """The files and recordings that a name stands for, and the folders it does not."""
     path = Path(name)
     try:
         path.exists()
@@ -154,17 +200,41 @@ def _files(name: str) -> list[Path]:
         raise ValueError(NO_PERMISSION.format(name)) from error
 
     if _is_folder_of_files(name):
+        folders = [entry for entry in path.iterdir() if entry.is_dir()]
         found = list_files(path)
+        found += [folder for folder in folders if is_bag_folder(folder)]
+        folders = [folder for folder in folders if not folder.name.startswith(".")]
     elif name and path.exists():
-        return [path]
+        return [path], []
     else:
-        matches = map(Path, glob(name, recursive=True))
-        found = [path for path in matches if path.is_file() or is_bag_folder(path)]
+        matches = list(map(Path, glob(name, recursive=True)))
+        folders = [match for match in matches if match.is_dir()]
+        found = _recordings_as_one(matches)
         if not found:
             raise FileNotFoundError(
                 f"{name}: there is no such file or folder; check the name."
             )
-    return sorted(found, key=_order)
+    taken = set(found).union(*(path.parents for path in found))
+    others = [folder for folder in folders if folder not in taken]
+    return sorted(found, key=_order), sorted(others, key=_order)
+
+
+def _recordings_as_one(matches: Iterable[Path]) -> list[Path]:
+    """The files among matches, and the folders of recordings in place of their files,
+    if the folder or its metadata matches.
+    """
+    files = []
+    recordings = set()
+    for match in matches:
+        if is_bag_folder(match):
+            recordings.add(match)
+        elif match.is_file():
+            files.append(match)
+    for file in files:
+        if is_bag_folder(file.parent) and file == file_of_log(file.parent):
+            recordings.add(file.parent)
+    alone = [file for file in files if file.parent not in recordings]
+    return [*recordings, *alone]
 
 
 def _order(path: Path) -> tuple[str, list]:
