@@ -5,6 +5,7 @@ other programs.
 from __future__ import annotations
 
 import json
+import pickle
 import subprocess
 from dataclasses import replace
 from pathlib import Path
@@ -636,6 +637,159 @@ def test_what_cannot_be_read_is_named(tmp_path, run, text, named):
 
     assert status == 2
     assert named in err
+
+
+MESSAGE_OF_ROS = """\
+header:
+  stamp:
+    sec: {second}
+    nanosec: 0
+  frame_id: camera
+height: 800
+width: 1280
+distortion_model: plumb_bob
+d: [-0.31, 0.09, 0.001, -0.0005, 0.0]
+k:
+- 910.5
+- 0.0
+- 655.25
+- 0.0
+- 905.0
+- 388.5
+- 0.0
+- 0.0
+- 1.0
+r: [1, 0, 0, 0, 1, 0, 0, 0, 1]
+p: [880, 0, 655.25, 0, 0, 880, 388.5, 0, 0, 0, 1, 0]
+binning_x: 0
+binning_y: 0
+roi:
+  x_offset: 0
+  y_offset: 0
+  height: 0
+  width: 0
+  do_rectify: false
+---
+"""
+# of ROS 1, as Apollo has them
+MESSAGE_OF_ROS_1 = (
+    MESSAGE_OF_ROS.replace("d: [", "D: [").replace("k:", "K:").replace("p: [", "P: [")
+)
+NESTED = """\
+image_size: [1280, 800]
+camera_matrix: [[910.5, 0, 655.25], [0, 905, 388.5], [0, 0, 1]]
+dist_coeff:
+- - -0.31
+  - 0.09
+  - 0.001
+  - -0.0005
+  - 0.0
+"""
+OF_OPENCV_5 = """\
+%YAML 1.2
+---
+image_width: 1280
+image_height: 800
+camera_matrix: !!opencv-matrix
+   rows: 3
+   cols: 3
+   dt: d
+   data: [ 910.5, 0., 655.25, 0., 905., 388.5, 0., 0., 1. ]
+distortion_coefficients: !!opencv-nd-matrix
+   sizes: [ 5 ]
+   dt: d
+   data: [ -0.31, 0.09, 0.001, -0.0005, 0. ]
+"""
+# A rectified image and a part of an image need what a file does not say.
+READ = {
+    "a message of ROS 2": MESSAGE_OF_ROS.format(second=1),
+    "several messages": MESSAGE_OF_ROS.format(second=1)
+    + MESSAGE_OF_ROS.format(second=2),
+    "a message of ROS 1": MESSAGE_OF_ROS_1.format(second=1),
+    "nested lists": NESTED,
+    "a flat array of OpenCV 5": OF_OPENCV_5,
+    "JSON": json.dumps(yaml.safe_load(NESTED), indent=1),
+}
+
+
+@pytest.mark.parametrize("name", READ)
+def test_printed_messages_and_lists_are_read(tmp_path, name):
+    path = tmp_path / "other.yaml"
+    path.write_text(READ[name])
+    assert load_camera(path) == replace(LENS, pose=None)
+
+
+REFUSED = {
+    "COLMAP": (
+        "# Camera list with one line of data per camera:\n"
+        "1 OPENCV 1280 800 910 905 655 388 -0.3 0.1 0 0\n",
+        "is a cameras.txt of COLMAP.* its width, height, fx, fy, cx, cy",
+    ),
+    "nerfstudio": ('{"w": 1280, "fl_x": 910.5}', "nerfstudio.* its w, h, fl_x"),
+    "EuRoC": (
+        "sensor_type: camera\nintrinsics: [1, 2, 3, 4]\n",
+        "sensor.yaml of EuRoC.* its resolution, intrinsics",
+    ),
+    "VINS": (
+        "%YAML:1.0\n---\nmodel_type: PINHOLE\nprojection_parameters:\n   fx: 1\n",
+        "a camera of VINS.*of its blocks",
+    ),
+    "Gyroflow": (
+        '{"calib_dimension": {"w": 1280}, "fisheye_params": {"camera_matrix": []}}',
+        "Gyroflow.* its calib_dimension.*equidistant",
+    ),
+    "ost.txt": ("# oST version 5.0 parameters\n\n[image]\n", "or use its ost.yaml"),
+    "two cameras": (
+        MESSAGE_OF_ROS.format(second=1)
+        + MESSAGE_OF_ROS.format(second=1).replace("910.5", "700"),
+        "2 different cameras",
+    ),
+    "no calibration": (
+        MESSAGE_OF_ROS.format(second=1)
+        .replace("910.5", "0")
+        .replace("655.25", "0")
+        .replace("905.0", "0")
+        .replace("388.5", "0")
+        .replace("1.0", "0"),
+        "its K is zero: the driver has no calibration",
+    ),
+    "binning": (
+        MESSAGE_OF_ROS.format(second=1).replace("binning_x: 0", "binning_x: 2"),
+        "region of interest or binning; give the log",
+    ),
+    "part": (
+        MESSAGE_OF_ROS.format(second=1).replace("  width: 0", "  width: 640"),
+        "region of interest or binning; give the log",
+    ),
+    "no size": (
+        NESTED.replace("image_size", "comment"),
+        "entry 'image_width' is missing",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_to_copy_from_another_file_is_said(tmp_path, name):
+    text, words = REFUSED[name]
+    path = tmp_path / "other.yaml"
+    path.write_text(text)
+    with pytest.raises(CameraError, match=words) as raised:
+        load_camera(path)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("protocol", range(6))
+def test_a_pickle_is_never_opened(tmp_path, protocol):
+    path = tmp_path / "wide_dist_pickle.p"
+    path.write_bytes(pickle.dumps({"mtx": LENS.matrix}, protocol))
+    with pytest.raises(CameraError, match="is a pickle, which is not opened"):
+        load_camera(path)
+
+
+def test_an_archive_of_numpy_is_named(tmp_path):
+    np.savez(tmp_path / "lens.npz", mtx=LENS.matrix, dist=LENS.distortion)
+    with pytest.raises(CameraError, match=r"an archive of NumPy.*np\.load reads"):
+        load_camera(tmp_path / "lens.npz")
 
 
 RATIONAL = [0.3, 0.1, 0.001, 0.002, 0.01, 0.6, 0.2, 0.03]

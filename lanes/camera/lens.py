@@ -1,5 +1,5 @@
-"""Lens models, and the camera files that name them: YAML as written here, of ROS,
-OpenCV's FileStorage and Kalibr.
+"""Lens models, and the camera files that name them: YAML as written here, of ROS, also
+messages that were printed, OpenCV's FileStorage and Kalibr.
 
 A lens model maps rays to the image, up to a largest angle. A new model is one entry of
 `LENS_MODELS`. Directions (x, y) are those of rays with z = 1. The files have many names
@@ -168,9 +168,92 @@ _ROS_NAMES = {
     "Distortion_Coefficients": "distortion_coefficients",
     "distCoeffs": "distortion_coefficients",
     "D": "distortion_coefficients",
+    "dist_coeff": "distortion_coefficients",
+    "dist_coeffs": "distortion_coefficients",
+    "dist": "distortion_coefficients",
+    "mtx": "camera_matrix",
+    # of the message, in ROS 2 in lower case
+    "k": "camera_matrix",
+    "d": "distortion_coefficients",
+    "width": "image_width",
+    "height": "image_height",
     "image_Width": "image_width",
     "image_Height": "image_height",
 }
+# Names of a list of width and height.
+_SIZES = ("image_size", "resolution")
+
+
+@dataclass(frozen=True)
+class ForeignFile:
+    """A file that holds a lens, but is not read: what it is, what it begins with or
+    holds, and what to copy from it.
+    """
+
+    name: str
+    pattern: str
+    entries: str
+
+
+_FOREIGN = (
+    ForeignFile(
+        "a cameras.txt of COLMAP",
+        r"^\s*\d+ +[A-Z_]*(PINHOLE|RADIAL|OPENCV|FOV)[A-Z_]* +\d+ +\d+ ",
+        "width, height, fx, fy, cx, cy, and of OPENCV k1, k2, p1, p2",
+    ),
+    ForeignFile(
+        "a transforms.json of nerfstudio",
+        r"[\"']fl_x[\"']",
+        "w, h, fl_x, fl_y, cx, cy, k1, k2, p1, p2",
+    ),
+    ForeignFile(
+        "a sensor.yaml of EuRoC",
+        r"^sensor_type:",
+        "resolution, intrinsics (fx, fy, cx, cy), distortion_coefficients",
+    ),
+    ForeignFile(
+        "a camera of VINS",
+        r"^projection_parameters:|^model_type:",
+        "image_width, image_height, and fx, fy, cx, cy, k1, k2, p1, p2 of its blocks",
+    ),
+    ForeignFile(
+        "a lens profile of Gyroflow",
+        r"[\"']fisheye_params[\"']",
+        "calib_dimension, camera_matrix, and distortion_coeffs with the entry "
+        "distortion_model: equidistant",
+    ),
+    ForeignFile(
+        "an ost.txt of ROS",
+        r"^# oST version",
+        "width, height, camera matrix, distortion, or use its ost.yaml",
+    ),
+    ForeignFile(
+        "an archive of NumPy",
+        r"\A(PK\x03\x04|\x93NUMPY)",
+        "camera matrix and distortion, which np.load reads, and the size of the images",
+    ),
+    ForeignFile(
+        "a pickle, which is not opened because it can run programs",
+        r"\A(\x80[\x01-\x05]|\([dl]p?\d|[\]}]q\x00)",
+        "camera matrix and distortion, and the size of the images",
+    ),
+)
+
+
+def describe_foreign(data: bytes) -> str:
+    """What a file is that is no camera file, and what to copy from it; empty for others
+    than those of some known programs.
+    """
+    text = data.decode("latin-1")
+    for foreign in _FOREIGN:
+        if re.search(foreign.pattern, text, re.MULTILINE):
+            return (
+                f"is {foreign.name}, no camera file; copy into a YAML file with "
+                "image_width, image_height, camera_matrix: {data: [fx, 0, cx, 0, fy, "
+                "cy, 0, 0, 1]} and distortion_coefficients: {data: [k1, k2, p1, p2, "
+                f"k3]}} its {foreign.entries}."
+            )
+    return ""
 
 
 class _Dumper(yaml.SafeDumper):
@@ -197,9 +280,23 @@ def parse_camera_yaml(text: str) -> Any:
             "it is XML; write it as YAML, as cv2.FileStorage does for a name that ends "
             "in .yaml"
         )
-    text = re.sub(r"\A%YAML[:\s]\s*1\.\d\s*\n(---\s*\n)?", "", text)
-    text = re.sub(r"!!opencv-matrix\b", "", text)
-    return parse_yaml(text)
+    text = re.sub(r"\A%YAML[:\s]\s*1\.\d\s*\n", "", text)
+    text = re.sub(r"!!opencv-(nd-)?matrix\b", "", text)
+    # messages that were printed have a line of dashes between them
+    parts = re.split(r"^---\s*$", text, flags=re.MULTILINE)
+    documents = [parse_yaml(part) for part in parts if part.strip()]
+    cameras = []
+    for document in documents:
+        if isinstance(document, dict):
+            document.pop("header", None)
+        if document not in cameras:
+            cameras.append(document)
+    if len(cameras) > 1:
+        raise yaml.YAMLError(
+            f"it holds {len(cameras)} different cameras; save the one to use in a file "
+            "alone"
+        )
+    return cameras[0] if cameras else None
 
 
 def dump_yaml(content: dict) -> str:
@@ -223,7 +320,31 @@ def as_ros_layout(content: Any) -> Any:
     ros = {_ROS_NAMES.get(name, name): value for name, value in content.items()}
     if ros.get("fisheye_model"):  # of OpenCV's sample
         ros["distortion_model"] = "equidistant"
+    for name in _SIZES:
+        if name in ros and "image_width" not in ros:
+            ros["image_width"], ros["image_height"] = ros[name]
+    for name in ("camera_matrix", "distortion_coefficients"):
+        if isinstance(ros.get(name), list):
+            ros[name] = {"data": np.array(ros[name], float).ravel().tolist()}
+    _require_whole_image(ros)
     return ros
+
+
+def _require_whole_image(ros: dict) -> None:
+    """Raise ValueError if a message of ROS has no calibration, or is that of a part of
+    the image.
+    """
+    if not np.any(ros["camera_matrix"]["data"]):
+        raise ValueError("its K is zero: the driver has no calibration")
+    roi = ros.get("roi") or {}
+    sizes = {"width": ros["image_width"], "height": ros["image_height"]}
+    is_part = any(roi.get(name) not in (None, 0, size) for name, size in sizes.items())
+    binning = max(ros.get("binning_x", 0), ros.get("binning_y", 0))
+    if is_part or binning > 1:
+        raise ValueError(
+            "it has a region of interest or binning; give the log, which has the size "
+            "of the images, without a camera file"
+        )
 
 
 def _of_kalibr(content: dict, cameras: list[str]) -> dict:

@@ -26,6 +26,7 @@ from lanes.camera.lens import (
     LENS_MODELS,
     LensModel,
     as_ros_layout,
+    describe_foreign,
     distort_angle,
     dump_yaml,
     largest_ray,
@@ -34,7 +35,7 @@ from lanes.camera.lens import (
 )
 from lanes.equality import ByValue
 from lanes.errors import CameraError, PictureError, require_number, require_type
-from lanes.files import read_text, write_atomically
+from lanes.files import read_text, require_file, write_atomically
 from lanes.recording import MAX_PIXELS
 from lanes.video.images import require_rgb, upright_axes
 
@@ -613,26 +614,35 @@ def _matrix_entry(matrix: np.ndarray) -> dict:
 
 
 def load_camera(path: str | Path) -> Camera:
-    """Read a camera file: ours, or one of ROS, of OpenCV's FileStorage (YAML) or of
-    Kalibr.
+    """Read a camera file: ours, or one of ROS (also a `CameraInfo` that was printed),
+    of OpenCV's FileStorage (YAML) or of Kalibr.
 
     >>> camera = lanes.load_camera("camera.yaml")  # doctest: +SKIP
 
     Raises FileNotFoundError if the file does not exist, or CameraError if it is not a
     camera file, lacks an entry, or has values that no camera can have.
     """
+    with require_file(path, "camera", error=CameraError).open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    foreign = describe_foreign(head)
+    is_binary = b"\0" in head or not head.isascii()
+    if foreign and is_binary:
+        raise CameraError(f"{path}: {foreign}")
     # a file with a thousand boards has 50 kB
     text = read_text(path, "camera", error=CameraError, max_bytes=1_000_000)
     try:
         return camera_from_dict(as_ros_layout(parse_camera_yaml(text)))
-    except KeyError as error:
-        reason = f"entry {error} is missing"
-        raise CameraError(_UNUSABLE.format(path, reason)) from error
-    except _UNUSABLE_ERRORS as error:
+    except (KeyError, *_UNUSABLE_ERRORS) as error:
+        if foreign:
+            raise CameraError(f"{path}: {foreign}") from error
         reason = " ".join(str(error).split())
+        if isinstance(error, KeyError):
+            reason = f"entry {error} is missing"
         raise CameraError(_UNUSABLE.format(path, reason)) from error
 
 
+# Part of a file that shows which program has written it.
+_HEAD_BYTES = 100_000
 # What reading the entries of a camera file may raise.
 _UNUSABLE_ERRORS = (
     yaml.YAMLError,
