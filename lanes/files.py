@@ -235,7 +235,7 @@ def atomic_write(path: Path) -> Iterator[Path]:
             target.parent.mkdir(parents=True, exist_ok=True)
             partial, lock_path = partial_files(target)
             until_written.enter_context(locked(lock_path))
-            until_written.callback(partial.unlink, missing_ok=True)
+            until_written.callback(_remove, partial)
             partial.write_bytes(b"")
         yield partial
         with translate_write_errors(path):
@@ -275,9 +275,16 @@ def locked(path: Path, *, timeout_s: float = _LOCK_TIMEOUT_S) -> Iterator[None]:
     finally:
         # Removed while locked: a process that waits for this lock notices and creates
         # the file again.
-        with suppress(OSError):
-            path.unlink()
+        _remove(path)
         lock.release()
+
+
+def _remove(path: Path) -> None:
+    """Remove a file, if it is there and can be removed; on a read-only file system an
+    error would hide why nothing was written.
+    """
+    with suppress(OSError):
+        path.unlink(missing_ok=True)
 
 
 def partial_files(path: Path) -> tuple[Path, Path]:

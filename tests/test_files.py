@@ -4,9 +4,11 @@ and telemetry survives.
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 import stat
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -78,6 +80,20 @@ def test_a_full_disk_is_reported_and_keeps_the_old_file(tmp_path, monkeypatch, c
         write_atomically(path, b"new")
     assert names(tmp_path) == {"a.txt"}
     assert path.read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("number", [errno.EROFS, errno.EACCES, errno.ENOTSUP])
+def test_a_folder_that_is_read_only_is_reported(tmp_path, monkeypatch, number):
+    """There is a folder, in which nothing can be written, nor removed."""
+
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    for name in ("write_bytes", "unlink"):
+        monkeypatch.setattr(Path, name, refuse)
+    words = rf"a\.txt: cannot be written \({os.strerror(number)}\); choose another fol"
+    with pytest.raises(OSError, match=words):
+        write_atomically(tmp_path / "a.txt", b"new")
 
 
 def test_permissions_are_those_of_any_new_file(tmp_path):
