@@ -29,7 +29,7 @@ from lanes.detect.markings import Markings
 from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, field_for, pose_for
 from lanes.errors import CameraError, PoseError, VideoError
-from lanes.files import TelemetryWriter, translate_write_errors
+from lanes.files import TelemetryWriter, require_path, translate_write_errors
 from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
 from lanes.pose.estimate import (
     POSE_PICTURES,
@@ -62,6 +62,7 @@ from lanes.video.reader import (
 from lanes.video.sources import (
     Sources,
     find_sources,
+    list_paths,
     require_distinct_outputs,
     require_topic,
     sample_images,
@@ -131,8 +132,7 @@ def annotate(
         If an output would overwrite a source or another output.
     """
     checked = require_options(options)
-    names = [sources] if isinstance(sources, str | Path) else sources
-    found = find_sources(map(str, names)).warn()
+    found = find_sources(list_paths(sources)).warn()
     require_topic(found.videos, checked.topic)
     field = None
     if camera is None:
@@ -215,7 +215,7 @@ def track(
     FileNotFoundError, LaneError
         If the video cannot be read, or the camera has no pose or another size.
     """
-    video = Path(path)
+    video = require_path(path)
     require_topic([video], topic)
     pose = None
     if camera is None:

@@ -15,6 +15,7 @@ import hashlib
 import io
 import json
 import os
+import re
 import stat
 import zlib
 from collections.abc import Iterable, Iterator, Mapping
@@ -26,6 +27,8 @@ import numpy as np
 import yaml
 from filelock import FileLock, Timeout
 
+from lanes.errors import LaneError
+
 _PARTIAL = ".partial"
 # Suffix of the messages that are written next to the video of a robot log; other than
 # that of a log.
@@ -34,8 +37,28 @@ MESSAGES_SUFFIX = ".lane.mcap"
 # file.
 _LOCK_TIMEOUT_S = 1.0
 NO_PERMISSION = "{}: permission denied; get read permission, or copy it."
+_STREAMS = "Cameras and streams: read them in your own loop, see docs/own_loop.md."
 # What is there instead of a file, by `stat`; anything else is a device.
 _KINDS = {stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket"}
+
+
+def require_path(path: object) -> Path:
+    """The path; raises LaneError for what is none, and FileNotFoundError for the
+    address of a stream.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise LaneError(f"{path!r:.60}: is no path; give that of one file. {_STREAMS}")
+    name = os.fspath(path)
+    if is_stream(name):
+        raise FileNotFoundError(f"{name}: is no file. {_STREAMS}")
+    return Path(name)
+
+
+def is_stream(name: str) -> bool:
+    """Whether a name is that of a camera or of a stream, and not of a file."""
+    # pathlib makes rtsp:/camera of rtsp://camera
+    is_address = re.match(r"[a-z][a-z0-9+.-]+:/", name, re.IGNORECASE)
+    return bool(is_address or name.isdecimal()) and not os.path.lexists(name)
 
 
 def require_file(
@@ -51,7 +74,7 @@ def require_file(
     `kind` is the expected content, for the error message: "image", "video". Raises
     FileNotFoundError if the file does not exist, otherwise `error`.
     """
-    path = Path(path)
+    path = require_path(path)
     try:
         found = path.stat()
     except PermissionError as refused:

@@ -61,6 +61,9 @@ CONTRADICTIONS = {
         "file holds a pose; omit --height",
         f"{DETECT} --height 1.3",
     ),
+    "stream": ("is no file. Cameras and streams", "annotate rtsp://cam/1"),
+    "stream for a pose": ("is no file. Cameras", "pose --hfov 60 http://cam/1.m3u8"),
+    "number of a camera": ("is no file. Cameras and streams", "detect 0"),
     "unknown command": (
         "there is no command anotate; did you mean annotate?",
         "anotate drive.mp4",
@@ -241,6 +244,7 @@ def options_in(text: str) -> set[str]:
 
 # Words of the error, and a call.
 NO_CAMERA = "camera must be Camera, not NoneType; make one with Camera.from_fov"
+STREAMS = "is no path; give that of one file. Cameras and streams: .*own_loop.md"
 CALLS: dict[str, tuple[str, Callable[[], object]]] = {
     "find_lane without camera": (NO_CAMERA, lambda: lanes.find_lane(IMAGE, None)),
     "explain without camera": (NO_CAMERA, lambda: lanes.explain(IMAGE, None)),
@@ -283,6 +287,12 @@ CALLS: dict[str, tuple[str, Callable[[], object]]] = {
         "annotate has no option colour; .*, style",
         lambda: lanes.annotate("a.mp4", "out", colour="red"),
     ),
+    "a camera for a video": (STREAMS, lambda: next(lanes.track(0))),
+    "two videos at once": (STREAMS, lambda: next(lanes.track(["a.mp4", "a.mp4"]))),
+    "a camera to annotate": (STREAMS, lambda: lanes.annotate(0, "out")),
+    "two cameras to annotate": (STREAMS, lambda: lanes.annotate([0, 1], "out")),
+    "a camera to calibrate": (STREAMS, lambda: lanes.calibrate(None)),
+    "a camera for a camera file": (STREAMS, lambda: lanes.load_camera(0)),
     "no image": ("no picture was given", lambda: lanes.estimate_pose([])),
 }
 
@@ -302,3 +312,16 @@ def test_a_wrong_call_raises_one_sentence_and_writes_nothing(
     assert "\n" not in sentence
     assert sentence.endswith(".")
     assert names(tmp_path) == {"a.mp4"}
+
+
+@pytest.mark.parametrize("name", ["rtsp://cam/1", "HTTPS://a.b/c.mp4", "0"])
+@pytest.mark.parametrize("read", [lanes.track, lanes.read_video, lanes.read_image])
+def test_the_address_of_a_stream_is_told_from_a_missing_file(name, read):
+    with pytest.raises(FileNotFoundError, match=f"^{name}: is no file. Cameras and st"):
+        next(iter(read(name)))
+
+
+def test_a_file_may_have_the_name_of_a_stream(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_drive(Path("drive.mp4"), BENDS, 3).rename("7")
+    assert len(list(lanes.read_video("7"))) == 3

@@ -31,7 +31,7 @@ from lanes.canvas import (
 from lanes.errors import CameraError, PictureError
 from lanes.video.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.video.reader import inspect_video, read_timed_frames
-from lanes.video.sources import find_sources
+from lanes.video.sources import find_sources, list_paths
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 _MIN_VIEWS = 3
@@ -110,8 +110,7 @@ def calibrate(
         If too few boards are found, or they do not determine the intrinsics, or they
         fit no lens.
     """
-    paths = [source] if isinstance(source, str | Path) else list(source)
-    names = list(map(str, paths))
+    names = list_paths(source)
     files = find_sources(names).warn().files
     detections = find_boards(files, pattern, progress=progress)
     return calibrate_detections(detections, ", ".join(names[:3]))

@@ -20,6 +20,7 @@ from lanes.files import (
     NO_PERMISSION,
     list_files,
     require_no_input_among,
+    require_path,
 )
 from lanes.ros.log_files import file_of_log, is_bag_folder, is_robot_log
 from lanes.video.images import kind_of_file, natural_key, read_image, read_orientation
@@ -132,6 +133,13 @@ def find_sources(names: Iterable[str]) -> Sources:
     return Sources(tuple(videos), tuple(stills), tuple(skipped), tuple(folders))
 
 
+def list_paths(source: object) -> list[str]:
+    """The names in a path or in several; raises LaneError if it is neither."""
+    if isinstance(source, Iterable) and not isinstance(source, str | Path):
+        return [str(require_path(path)) for path in source]
+    return [str(require_path(source))]
+
+
 def _is_folder_of_files(name: str) -> bool:
     """Whether a name stands for a folder that is no recording; "" stands for none."""
     return bool(name) and Path(name).is_dir() and not is_bag_folder(name)
@@ -193,7 +201,7 @@ def require_distinct_outputs(planned: Sequence[tuple[Path, Path]]) -> None:
 
 def _files(name: str) -> tuple[list[Path], list[Path]]:
     """The files and recordings that a name stands for, and the folders it does not."""
-    path = Path(name)
+    path = require_path(name)
     try:
         path.exists()
     except PermissionError as error:
