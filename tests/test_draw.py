@@ -19,7 +19,9 @@ from lanes.show.draw import (
     describe_lane,
     draw_lane,
     lane_outline,
+    track_lane,
 )
+from lanes.tracking.tracker import LaneTracker
 from tests.support.painted_drive import BENDS, SMALL, tracked_bends
 
 IMAGE, LANE = tracked_bends()
@@ -363,3 +365,39 @@ def test_the_inset_shows_the_lines_at_the_top_right():
     height, width = IMAGE.shape[:2]
     top_right = drawn[: height // 3, -width // 6 :]
     assert is_colour(top_right, "left").any()
+
+
+# Frames of other readers.
+
+
+def read_only(frame: np.ndarray) -> np.ndarray:
+    """As moviepy gives it."""
+    frame = frame.copy()
+    frame.flags.writeable = False
+    return frame
+
+
+def reversed_bgr(frame: np.ndarray) -> np.ndarray:
+    """As a loop over cv2.VideoCapture may give it."""
+    return np.ascontiguousarray(frame[..., ::-1])[..., ::-1]
+
+
+def column_major(frame: np.ndarray) -> np.ndarray:
+    return np.asfortranarray(frame)
+
+
+@pytest.mark.parametrize("style", STYLES)
+@pytest.mark.parametrize("form", [read_only, reversed_bgr, column_major])
+def test_frames_of_other_readers_are_drawn_on_as_ours(form, style):
+    def track(frame: np.ndarray) -> np.ndarray:
+        process = track_lane(LaneTracker(SMALL, fps=25), style=style)
+        drawn, _ = process(frame)
+        return drawn
+
+    frame = form(IMAGE)
+    before = frame.copy()
+
+    drawn = track(frame)
+
+    np.testing.assert_array_equal(drawn, track(IMAGE.copy()))
+    np.testing.assert_array_equal(frame, before)

@@ -318,8 +318,8 @@ def track_lane(
     returns it with its telemetry.
 
     The function is called as process(frame, elapsed_s=None), with the frames in order;
-    it draws on the frame itself. The telemetry has the time that the tracker took,
-    `latency_ms`.
+    it draws on the frame itself, or if OpenCV cannot, on a copy. The telemetry has the
+    time that the tracker took, `latency_ms`.
     """
 
     def process(
@@ -328,14 +328,17 @@ def track_lane(
         began_s = time.perf_counter()
         lane = tracker.update(frame, elapsed_s=elapsed_s)
         took_s = time.perf_counter() - began_s
+        # of moviepy, frames are read-only; of others, views of BGR; the mosaic needs
+        # the image itself
+        can_draw = frame.flags.writeable and frame.flags.c_contiguous
+        in_place = can_draw and style != "mosaic"
         drawn = draw_lane(
             frame,
             lane,
             tracker.camera,
             style=style,
             evidence=tracker.evidence,
-            # the mosaic needs the image itself
-            onto=None if style == "mosaic" else frame,
+            onto=frame if in_place else None,
         )
         row = telemetry_row(lane)
         row["latency_ms"] = round(1e3 * took_s, 3)
