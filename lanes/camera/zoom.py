@@ -27,6 +27,8 @@ from lanes.video.images import opencv_threads
 _LARGEST_ERROR_SHARE = 0.9
 _LEAST_RATIO = 1.05
 _LEAST_DEVIATIONS = 12
+# Their distance in standard deviations within a group.
+_LEAST_SEPARATION = 3.5
 # Error of the corner detection, which no second focal length reduces.
 _CORNER_ERROR_PX = 0.1
 # A single board with another focal length is an outlier, or does no harm.
@@ -63,8 +65,11 @@ class _Focal(NamedTuple):
 
 
 class _Split(NamedTuple):
-    """Which boards (N,) have the shorter focal length, and both."""
+    """Which boards (N,) have the shorter focal length, and both; the other intrinsics
+    are those of a lens.
+    """
 
+    lens: _Lens
     is_short: np.ndarray
     short: _Focal
     long: _Focal
@@ -92,8 +97,10 @@ def find_focal_groups(
         if square_px <= corners * _CORNER_ERROR_PX**2:
             return None
         split = _best_split(found, lens)
-    if split is None or not _is_clear(split, square_px):
-        return None
+        if split is None or not _is_clear(split, square_px):
+            return None
+        if _separation(found, split) < _LEAST_SEPARATION:
+            return None
 
     names = np.array(list(boards))
     return (
@@ -119,6 +126,21 @@ def _is_clear(split: _Split, square_px: float) -> bool:
         and log_ratio >= np.log(_LEAST_RATIO)
         and log_ratio >= _LEAST_DEVIATIONS * std
     )
+
+
+def _separation(boards: Sequence[Board], split: _Split) -> float:
+    """Distance of the two focal lengths, in standard deviations of the focal lengths
+    that the boards of a group have alone.
+
+    Those of boards that bend differ as well, but not in two groups.
+    """
+    alone = [_fit_focal([board], split.lens) for board in boards]
+    focal_px = np.array([focal.focal_px for focal in alone])
+    weights = np.array([focal.std_share for focal in alone]) ** -2.0
+    of_group_px = np.where(split.is_short, split.short.focal_px, split.long.focal_px)
+    square = np.average(np.log(focal_px / of_group_px) ** 2, weights=weights)
+    log_ratio = np.log(split.long.focal_px / split.short.focal_px)
+    return float(log_ratio / np.sqrt(square))
 
 
 def _best_split(boards: Sequence[Board], lens: _Lens) -> _Split | None:
@@ -184,8 +206,8 @@ def _fit_split(boards: Sequence[Board], lens: _Lens, is_short: np.ndarray) -> _S
     short = _fit_focal([board for board, is_one in pairs if is_one], lens)
     long = _fit_focal([board for board, is_one in pairs if not is_one], lens)
     if short.focal_px <= long.focal_px:
-        return _Split(is_short, short, long)
-    return _Split(~is_short, long, short)
+        return _Split(lens, is_short, short, long)
+    return _Split(lens, ~is_short, long, short)
 
 
 def _scaled(board: Board, scale: float, centre_px: np.ndarray) -> Board:
