@@ -77,6 +77,7 @@ from lanes.pose.estimate import (
     PoseEstimate,
     estimate_pose,
 )
+from lanes.ros.log_files import is_robot_log
 from lanes.score import (
     describe_predictions,
     score_stills,
@@ -126,6 +127,7 @@ class Calibrate:
         parser.add_argument(
             "--pattern", type=_pattern, default=(9, 6), metavar="CxR", help=words
         )
+        _add_topic(parser)
         words = "also write a picture of all boards with their corners"
         parser.add_argument("--sheet", type=Path, metavar="FILE", help=words)
         _add_output(parser, "camera.yaml", "camera file to write")
@@ -139,8 +141,13 @@ class Calibrate:
             outputs.append(options.sheet)
         _require_free(outputs, options, paths)
 
-        progress = progress_line("calibrate")
-        detections = find_boards(paths, options.pattern, progress=progress)
+        require_topic(paths, options.topic)
+        detections = find_boards(
+            paths,
+            options.pattern,
+            topic=options.topic,
+            progress=progress_line("calibrate"),
+        )
         source = ", ".join(map(str, options.pictures[:3]))
         try:
             camera = calibrate_detections(detections, source)
@@ -750,13 +757,17 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
         help="width of the car over its tyres, metres, for departure warnings "
         f"(default: {CAR_WIDTH_M})",
     )
-    words = "topic of the images in a robot log (default: the only one)"
-    parser.add_argument("--topic", metavar="NAME", help=words)
+    _add_topic(parser)
     words = (
         "network that finds the lane markings (docs/own_network.md); MODEL.onnx,own: "
         "together with our filters"
     )
     parser.add_argument("--markings", metavar="MODEL.onnx", help=words)
+
+
+def _add_topic(parser: argparse._ActionsContainer) -> None:
+    words = "topic of the images in a robot log (default: the only one)"
+    parser.add_argument("--topic", metavar="NAME", help=words)
 
 
 def _add_output(parser: argparse.ArgumentParser, default: str, what: str) -> None:
@@ -816,7 +827,10 @@ def _read_settings(
         raise ValueError(
             "--lens needs a field of view; give --hfov as well, or omit --lens."
         )
-    require_topic(sources.files, options.topic)
+    boards: tuple[Path, ...] = ()
+    if options.boards:
+        boards = find_sources([str(options.boards)]).files
+    require_topic([*sources.files, *boards], options.topic)
     markings = load_markings(options.markings) if options.markings else None
     _require_free(outputs, options, sources.files, markings)
 
@@ -826,7 +840,12 @@ def _read_settings(
         camera = load_camera(options.camera)
     elif options.boards:
         progress = None if options.quiet else progress_line("boards")
-        camera = calibrate(options.boards, progress=progress)
+        has_topic = any(map(is_robot_log, boards))
+        camera = calibrate(
+            options.boards,
+            topic=options.topic if has_topic else None,
+            progress=progress,
+        )
     else:
         field = _find_field(options, sources)
     if options.end_s is not None and options.end_s <= options.start_s:

@@ -24,12 +24,13 @@ from lanes.camera.calibration import (
 from lanes.camera.chessboard import Board
 from lanes.camera.model import Camera, load_camera, save_camera
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR
-from lanes.errors import CameraError
+from lanes.errors import CameraError, VideoError
 from lanes.video.images import read_image, write_image
 from lanes.video.sources import find_sources
 from lanes.video.writer import VideoWriter
 from simulator.chessboards import BOARD_VIEWS, true_corners
 from simulator.scenes.freeway import DASHCAM
+from tests.support import robot_logs as logs
 from tests.support.command_line import run
 from tests.support.project import REAL_DATA, names
 from tests.support.shapes import intrinsics
@@ -487,6 +488,50 @@ def test_a_video_of_a_board_is_used(tmp_path):
         (time_s,) = re.fullmatch(r"turned\.mp4 at (.*) s", name).groups()
         used.append(shown[round(25 * float(time_s))])
     assert used == [2, 9, 12, 13, 6]
+
+
+@pytest.fixture(scope="module", params=["boards.mcap", "boards"])
+def log_of_two(request, tmp_path_factory) -> Path:
+    """A robot log with boards before one camera and a wall before another; a file, or
+    the folder of a recording.
+    """
+    shown = [read_image(RENDERED / f"calibration{n}.jpg") for n in (2, 9, 12, 13, 6)]
+    wall = np.full((36, 64, 3), 128, np.uint8)
+    stamps_ns = logs.stamps_at(np.arange(5) / 2)
+    topics = {
+        "/front/image_raw": logs.stamp_images(shown, stamps_ns, ".png"),
+        "/rear/image_raw": logs.stamp_images([wall] * 5, stamps_ns),
+    }
+    path = tmp_path_factory.mktemp("log") / request.param
+    return logs.write_messages(path, topics)
+
+
+@pytest.mark.slow
+class TestALogOfTwoCameras:
+    def test_is_calibrated_with_the_topic(self, log_of_two, tmp_path):
+        options = ("--topic", "/front/image_raw", "-o", tmp_path / "lens.yaml")
+        status, _, err = run("calibrate", log_of_two, *options)
+        assert status == 0, err
+        assert_is_the_dashcam(load_camera(tmp_path / "lens.yaml"))
+
+    def test_needs_a_topic_that_the_command_has(self, log_of_two):
+        status, _, err = run("calibrate", log_of_two)
+        _, text, _ = run("calibrate", "--help")
+        assert status == 2
+        assert "/front/image_raw, /rear/image_raw; choose one of them with --top" in err
+        assert "--topic NAME" in text
+
+    def test_gives_the_boards_of_other_commands_by_the_topic(self, log_of_two, folder):
+        """Of stills, which have no topics; the wall shows no board."""
+        options = ("--boards", log_of_two, "--topic", "/rear/image_raw")
+        status, _, err = run("pose", *options, folder / "a.png")
+        assert status == 2
+        assert "no chessboard of 9x6 inner corners was found" in err
+
+
+def test_a_topic_of_images_is_refused(folder):
+    with pytest.raises(VideoError, match="is no robot log and has no topics"):
+        calibrate(folder / "a.png", topic="/front")
 
 
 @pytest.fixture(scope="module")

@@ -29,9 +29,10 @@ from lanes.canvas import (
     put_text,
 )
 from lanes.errors import CameraError, PictureError
+from lanes.ros.log_files import is_robot_log
 from lanes.video.images import as_stored, kind_of_file, opencv_threads, read_image
 from lanes.video.reader import inspect_video, read_timed_frames
-from lanes.video.sources import find_sources, list_paths
+from lanes.video.sources import find_sources, list_paths, require_topic
 
 # Two views determine the intrinsics in theory; a third makes errors visible.
 _MIN_VIEWS = 3
@@ -79,6 +80,7 @@ def calibrate(
     source: str | Path | Iterable[str | Path],
     pattern: Pattern = (9, 6),
     *,
+    topic: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Camera:
     """Camera intrinsics from images or videos of a chessboard, for their most frequent
@@ -92,6 +94,8 @@ def calibrate(
         A folder of images, or images, videos and folders.
     pattern : tuple of int
         The complete board's inner corners (columns, rows).
+    topic : str, optional
+        Topic of the images in robot logs; by default the only one.
     progress : callable, optional
         Called with (images done, images in all).
 
@@ -112,7 +116,8 @@ def calibrate(
     """
     names = list_paths(source)
     files = find_sources(names).warn().files
-    detections = find_boards(files, pattern, progress=progress)
+    require_topic(files, topic)
+    detections = find_boards(files, pattern, topic=topic, progress=progress)
     return calibrate_detections(detections, ", ".join(names[:3]))
 
 
@@ -120,16 +125,18 @@ def find_boards(
     paths: Sequence[Path],
     pattern: Pattern = (9, 6),
     *,
+    topic: str | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> BoardDetections:
     """The board in every image, and in those frames of a video that show it most
     differently.
 
-    Images that cannot be decoded are `unused`; one that does not exist is an error.
+    `topic` is that of the images in robot logs. Images that cannot be decoded are
+    `unused`; one that does not exist is an error.
     """
     same_name = Counter(path.name for path in paths)
     # a video stands for as many images as frames of it are searched
-    counts = [_VIDEO_FRAMES if kind_of_file(path) == "video" else 1 for path in paths]
+    counts = [1 if kind_of_file(path) == "image" else _VIDEO_FRAMES for path in paths]
     total = sum(counts)
     done = 0
     found = BoardDetections({}, pattern, {}, {})
@@ -137,7 +144,7 @@ def find_boards(
         name = path.name if same_name[path.name] == 1 else str(path)
         seen = BoardDetections({}, pattern, {}, {})
         try:
-            for share, view, image in _read_views(path, name):
+            for share, view, image in _read_views(path, name, topic):
                 if progress:
                     progress(done + int(share * count), total)
                 _add_image(seen, view, image)
@@ -151,16 +158,19 @@ def find_boards(
     return found
 
 
-def _read_views(path: Path, name: str) -> Iterator[tuple[float, str, np.ndarray]]:
+def _read_views(
+    path: Path, name: str, topic: str | None
+) -> Iterator[tuple[float, str, np.ndarray]]:
     """A still, or frames of a video, as the sensor saw them: share of the file before
     it, name, image.
     """
-    if kind_of_file(path) != "video":
+    if kind_of_file(path) == "image":
         yield 0.0, name, read_image(path, upright=False)
         return
-    info = inspect_video(path)
+    of_log = topic if is_robot_log(path) else None
+    info = inspect_video(path, topic=of_log)
     step = max(1, info.frames // _VIDEO_FRAMES)
-    for frame in read_timed_frames(path):
+    for frame in read_timed_frames(path, topic=of_log):
         if frame.number % step == 0:
             share = min(frame.number / info.frames, 1.0)
             image = as_stored(frame.image, info.orientation)
@@ -329,8 +339,8 @@ def _require_one_focal_length(boards: Boards, fit: _Fit) -> None:
         described += f"\n  {group.focal_px:.0f} px: {names}"
     raise CameraError(
         "the boards have two focal lengths, so that the camera zoomed or changed its "
-        "lens between them; calibrate each of these groups alone, or take all images "
-        f"with one setting.{described}"
+        "lens between them, or the board bent; calibrate each of these groups alone, "
+        f"or take all images of a flat board with one setting.{described}"
     )
 
 
