@@ -21,7 +21,8 @@ from __future__ import annotations
 
 import posixpath
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -196,6 +197,7 @@ def read_labels(path: str | Path) -> list[LaneColumns]:
     labels = _read(Path(path), "label")
     for label in labels:
         _require_inside(path, label.name)
+    _require_one_each(path, "labels", [_parts(label.name) for label in labels])
 
     checked = [label for label in labels if label.checked]
     if not checked:
@@ -230,6 +232,18 @@ def labels_folder(path: str | Path) -> Path:
     return path if path.is_dir() else path.parent
 
 
+def _require_one_each(
+    path: str | Path, kind: str, names: Iterable[tuple[str, ...]]
+) -> None:
+    """Raise ValueError if a name, in its parts, is there twice."""
+    (name, count), *_ = Counter(names).most_common(1) or [((), 0)]
+    if count > 1:
+        raise ValueError(
+            f"{path}: {count} {kind} are for the same picture, {'/'.join(name)}; "
+            "keep one of them."
+        )
+
+
 def files_of_labels(path: Path) -> list[Path]:
     """The files that labels or predictions are read from."""
     return sorted(path.rglob("*.json")) if path.is_dir() else [path]
@@ -254,11 +268,7 @@ def read_predictions(
         both = [name for name in predicted if name in labelled]
         if len(labelled) == len(names) and len(set(both)) == len(both):
             break
-    else:
-        raise ValueError(
-            f"{path}: two labels or two predictions are for the same picture; "
-            "remove one."
-        )
+    _require_one_each(path, "predictions", both)
     if labels and not both:
         raise ValueError(
             f"{path}: has no prediction for any labelled image; raw_file must be the "

@@ -4,6 +4,7 @@ offsets, heights.
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -109,6 +110,13 @@ def photo(
         entries[ExifTags.Base.ExifImageHeight.value] = height
     Image.fromarray(BENDS.frame(0)).resize(size).save(path, exif=exif)
     return path
+
+
+@pytest.mark.parametrize("focal_35mm", [0, 65535])
+def test_a_focal_length_that_is_unknown_is_as_none(tmp_path, focal_35mm):
+    still = photo(tmp_path / "still.jpg", focal_35mm=focal_35mm)
+    with warnings.catch_warnings(action="error"):
+        assert find_field_of_view([still]) == ASSUMED
 
 
 @pytest.mark.parametrize(

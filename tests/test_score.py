@@ -264,7 +264,9 @@ def test_a_prediction_that_does_not_fit_the_rows_of_its_label_is_refused(tmp_pat
 
 
 TWO_LINES = ONE | {"lanes": [upright().tolist()] * 2}
-TWICE = "found.jsonl: two labels or two predictions are for the same picture"
+LABELLED_TWICE = "labels.jsonl: 2 labels are for the same picture, a.png; keep one of"
+FOUND_TWICE = "found.jsonl: 2 predictions are for the same picture, a.png; keep one of"
+DECOMPOSED = [{**ONE, "raw_file": name} for name in ("\u00e4/a.png", "a\u0308/a.png")]
 NO_LABEL = "labels.jsonl: line 1 is not a label"
 OUTSIDE = "labels.jsonl: the picture '../a.png' lies outside"
 
@@ -272,8 +274,10 @@ OUTSIDE = "labels.jsonl: the picture '../a.png' lies outside"
 @pytest.mark.parametrize(
     ("labels", "found", "words"),
     [
-        ([ONE, ONE], [ONE], TWICE),
-        ([ONE], [ONE, ONE], TWICE),
+        ([ONE, ONE], [ONE], LABELLED_TWICE),
+        (DECOMPOSED, [ONE], "labels.jsonl: 2 labels are for the same picture, "),
+        ([ONE], [ONE, ONE], FOUND_TWICE),
+        ([ONE], [ONE, ONE | {"raw_file": "./a.png"}], FOUND_TWICE),
         ([ONE], [OTHER], "found.jsonl: has no prediction for any labelled image"),
         ([ONE, ONE | {"raw_file": 3}], [ONE], "labels.jsonl: line 2 is not a label"),
         ([ONE | {"lanes": {"0": [1]}}], [ONE], NO_LABEL),

@@ -352,6 +352,8 @@ def _read_exif(still: str | Path) -> tuple[float | None, str]:
             width, height = image.size
             entries = image.getexif().get_ifd(ExifTags.IFD.Exif)
             focal_mm = float(entries[tags.FocalLengthIn35mmFilm])
+            if focal_mm <= 0:  # 0 stands for unknown
+                return None, ""
             taken_width = int(entries.get(tags.ExifImageWidth) or width)
             taken_height = int(entries.get(tags.ExifImageHeight) or height)
             axes = upright_axes(orientation_of(image))

@@ -22,8 +22,8 @@ from lanes.camera.model import Camera
 from lanes.video.images import opencv_threads
 
 # Two focal lengths differ if they reduce the error to this share of that of one lens,
-# by this ratio, and by so many standard deviations. Of 300 random sets of Udacity's
-# boards, paper on a wall, none reaches all of them.
+# by this ratio, and by so many standard deviations. Of 103 random sets of 4 to
+# 18 of Udacity's boards, paper on a wall, none leaves less than 0.93 of the error.
 _LARGEST_ERROR_SHARE = 0.9
 _LEAST_RATIO = 1.05
 _LEAST_DEVIATIONS = 12
