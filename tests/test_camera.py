@@ -18,10 +18,12 @@ from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from PIL import Image
 
+from lanes.camera.field_of_view import ASSUMED_LENS_STD_M
 from lanes.camera.model import (
     CalibrationReport,
     Camera,
     CameraPose,
+    PoseStd,
     camera_from_dict,
     camera_to_dict,
     load_camera,
@@ -472,6 +474,14 @@ def test_offset_and_width_of_the_car_stay_in_the_file(tmp_path):
     loaded = load_camera(save_camera(camera, tmp_path / "camera.yaml"))
     assert loaded.offset_m == -0.65
     assert loaded.car_width_m == 2.5
+
+
+def test_the_uncertainty_of_pose_and_lens_stays_in_the_file(tmp_path):
+    uncertain = replace(
+        DASHCAM, pose_std=PoseStd(0.03, 0.015), lens_std_m=ASSUMED_LENS_STD_M
+    )
+    found = load_camera(save_camera(uncertain, tmp_path / "camera.yaml"))
+    assert found == uncertain
 
 
 def test_without_an_offset_the_file_has_none(tmp_path):

@@ -193,7 +193,7 @@ class TestPoseFromStills:
         assert "looks left" in pose_of_stills.out
         assert "camera.yaml" in pose_of_stills.out
         accuracy = (
-            r"offset and lane width to be good to \d+ cm and \d+% .*"
+            r"the camera adds ± 0\.\d\d m and \d+% .* which the ± of the results contain.*"
             "curvature twice as much"
         )
         assert re.search(accuracy, pose_of_stills.out)

@@ -131,6 +131,22 @@ def _turn_z(angle_rad: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
+class PoseStd:
+    """Standard deviations of an estimated pose: of the height, as a share of it, and of
+    the roll.
+
+    They move lines sideways. Errors of pitch and yaw hardly do: the lane shows them.
+    """
+
+    height_share: float
+    roll_rad: float
+
+    def __post_init__(self) -> None:
+        for name, value in list(vars(self).items()):
+            object.__setattr__(self, name, require_number(value, name))
+
+
+@dataclass(frozen=True)
 class CalibrationReport:
     """Result of a calibration: root mean square reprojection errors of all corners and
     of each board used.
@@ -167,6 +183,12 @@ class Camera(ByValue):
         fisheye lens (equidistant, `cv2.fisheye`).
     pose : CameraPose, optional
         Extrinsics; without them projections to and from the road raise a CameraError.
+    pose_std : PoseStd, optional
+        Of a pose that was estimated; the stated standard deviations of lanes contain
+        it.
+    lens_std_m : float
+        Standard deviation of the lateral positions of lines by the intrinsics, if these
+        were assumed; they contain it as well.
     report : CalibrationReport, optional
         Result of the calibration.
     offset_m : float
@@ -189,6 +211,8 @@ class Camera(ByValue):
     offset_m: float = 0.0
     calibrated: bool = True
     car_width_m: float = CAR_WIDTH_M
+    pose_std: PoseStd | None = None
+    lens_std_m: float = 0.0
 
     def __post_init__(self) -> None:
         try:
@@ -291,7 +315,7 @@ class Camera(ByValue):
         return f"Camera({size}, {focal}, {field_of_view}{bent}, pose {pose})"
 
     def with_pose(self, pose: CameraPose) -> Camera:
-        """The same camera with another pose."""
+        """The same camera with another pose, as certain as the one before."""
         return replace(self, pose=pose)
 
     def has_aspect_of(self, size: tuple[int, int]) -> bool:
@@ -584,6 +608,10 @@ def camera_to_dict(camera: Camera) -> dict:
         content["car_width_m"] = camera.car_width_m
     if camera.pose:
         content["pose"] = asdict(camera.pose)
+    if camera.lens_std_m:
+        content["lens_std_m"] = camera.lens_std_m
+    if camera.pose_std:
+        content["pose_std"] = asdict(camera.pose_std)
     if camera.report:
         content["calibration"] = _report_entry(camera.report)
     return content
@@ -672,6 +700,10 @@ def camera_from_dict(content: dict) -> Camera:
     if not (0 < matrix[0, 2] < width and 0 < matrix[1, 2] < height):
         raise ValueError("its principal point is not in the image")
     pose = _parse_pose(content["pose"]) if "pose" in content else None
+    pose_std = None
+    if "pose_std" in content:
+        stds = content["pose_std"].items()
+        pose_std = PoseStd(**{name: float(value) for name, value in stds})
     report = None
     if "calibration" in content:
         report = _parse_report(content["calibration"])
@@ -685,6 +717,8 @@ def camera_from_dict(content: dict) -> Camera:
         offset_m=content.get("camera_offset_m", 0.0),
         calibrated=content.get("calibrated", True) is not False,
         car_width_m=content.get("car_width_m", CAR_WIDTH_M),
+        pose_std=pose_std,
+        lens_std_m=float(content.get("lens_std_m", 0.0)),
     )
 
 

@@ -16,6 +16,8 @@ from lanes.describe import (
     describe_std,
 )
 from lanes.detect.confidence import (
+    CORRECT_AT_M,
+    CORRECT_WITHIN_M,
     LEAST_CONFIDENCE,
     LIKELY_CONFIDENCE,
     WEIGHTS,
@@ -54,6 +56,7 @@ COASTING = "coasting"
 TELEMETRY_COLUMNS = (
     "state",
     "confidence",
+    "confident_to_m",
     "offset_m",
     "offset_std_m",
     "heading_rad",
@@ -385,6 +388,29 @@ class Lane(ByValue):
         return factor * self.fit_covariance
 
     @cached_property
+    def total_covariance(self) -> np.ndarray:
+        """(15, 15) `covariance` with the errors of an estimated camera pose, and of an
+        assumed lens that it was estimated with.
+        """
+        camera = self.camera
+        if camera is None or camera.pose_std is None:
+            return self.covariance
+        # a higher camera sees a larger road
+        by_height = np.zeros(len(self.model))
+        by_height[CENTRE] = self.model[CENTRE]
+        by_height[WIDTH] = self.width_m
+        by_height[CURVATURE] = -self.model[CURVATURE]
+        by_height *= camera.pose_std.height_share
+        # a roll moves both lines to the same side
+        height_m = camera.require_pose().height_m
+        by_roll_m = height_m + (self.width_m / 2) ** 2 / height_m
+        by_roll_m *= camera.pose_std.roll_rad
+        covariance = self.covariance + np.outer(by_height, by_height)
+        covariance[CENTRE, CENTRE] += by_roll_m**2 + camera.lens_std_m**2
+        covariance[WIDTH, WIDTH] += camera.lens_std_m**2
+        return covariance
+
+    @cached_property
     def features(self) -> dict[str, float]:
         """What the confidence depends on, by name; see `lanes.detect.confidence`."""
         far_seen = [far for far in self.far_evidence if far is not None]
@@ -419,9 +445,21 @@ class Lane(ByValue):
     @cached_property
     def confidence(self) -> float:
         """Probability that both lines are within 0.2 m of the true ones, 5 to 30 m
-        ahead.
+        ahead, or up to `confident_to_m`.
         """
         return float(1 / (1 + np.exp(-self.log_odds)))
+
+    @cached_property
+    def confident_to_m(self) -> float:
+        """Distance ahead up to which the confidence holds: 30 m, or less if the
+        standard deviation of a line (RMS from 5 m on, given the camera pose) exceeds
+        0.2 m beyond; 0 if it does everywhere.
+        """
+        variance = lateral_std_m(self.covariance, CORRECT_AT_M) ** 2
+        points = np.arange(1, len(CORRECT_AT_M) + 1)
+        rms_m = np.sqrt(variance.cumsum(axis=1) / points).max(axis=0)
+        held = CORRECT_AT_M[rms_m <= CORRECT_WITHIN_M]
+        return float(held.max(initial=0.0))
 
     @property
     def camera_offset_m(self) -> float:
@@ -480,7 +518,7 @@ class Lane(ByValue):
         return float(self.model[VERTICAL_CURVATURE][0])
 
     def _std(self, parameter: int) -> float:
-        return float(np.sqrt(self.covariance[parameter, parameter]))
+        return float(np.sqrt(self.total_covariance[parameter, parameter]))
 
     @cached_property
     def lines(self) -> tuple[Line, Line]:
@@ -490,7 +528,10 @@ class Lane(ByValue):
 
     def _line(self, side: float, evidence: LineEvidence) -> Line:
         return Line(
-            side=side, model=self.model, covariance=self.covariance, **vars(evidence)
+            side=side,
+            model=self.model,
+            covariance=self.total_covariance,
+            **vars(evidence),
         )
 
     @property
@@ -532,7 +573,7 @@ class Lane(ByValue):
             return None
         # from the centres of double lines, as they were fitted
         A = adjacent_lane_matrix(side)
-        covariance = A @ self.covariance @ A.T
+        covariance = A @ self.total_covariance @ A.T
         return Line(
             side=side, model=A @ self.centres, covariance=covariance, **vars(evidence)
         )
@@ -566,6 +607,13 @@ class Lane(ByValue):
         """
         return describe_bend(self.curvature_per_m, self.curvature_std_per_m)
 
+    def describe_reach(self) -> str:
+        """Words after the confidence: " up to 15 m" if it does not hold up to 30 m."""
+        reach_m = self.confident_to_m
+        if reach_m == CORRECT_AT_M[-1]:
+            return ""
+        return f" up to {reach_m:.0f} m" if reach_m else ", not to 0.2 m"
+
     def summary(self) -> dict[str, str]:
         """The lane in words, by name.
 
@@ -577,7 +625,7 @@ class Lane(ByValue):
         per_km = f"{curvature_per_km:.2f} ± {std_per_km:.2f} per km"
         words = {
             "state": self.state,
-            "confidence": f"{self.confidence:.0%}",
+            "confidence": f"{self.confidence:.0%}{self.describe_reach()}",
             "offset": describe_offset(self.offset_m, self.offset_std_m),
             "bend": f"{self.describe_bend()} ({per_km})",
             "heading": describe_heading(self.heading_rad),
@@ -645,6 +693,7 @@ def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
     row: dict[str, str | float | None] = {
         "state": lane.state,
         "confidence": lane.confidence,
+        "confident_to_m": lane.confident_to_m,
         "offset_m": lane.offset_m,
         "offset_std_m": lane.offset_std_m,
         "heading_rad": lane.heading_rad,

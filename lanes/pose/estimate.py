@@ -27,7 +27,8 @@ import cv2
 import numpy as np
 
 from lanes.camera.field_of_view import OTHER_VIEWS, find_camera
-from lanes.camera.model import Camera, CameraPose, require_camera
+from lanes.camera.model import Camera, CameraPose, PoseStd, require_camera
+from lanes.describe import describe_std
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE, WEIGHTS
 from lanes.detect.lane import Lane
 from lanes.detect.markings import Markings
@@ -189,32 +190,27 @@ class PoseEstimate(ByValue):
         """One sentence with the expected accuracy of offset, lane width, distances and
         curvature.
 
-        The centimetres are at least the 95th percentile of the offset error on the
-        rendered drive: with its calibrated lens, and without distortion at focal
-        lengths from 0.7 to 1.5 times the true one (docs/own_camera.md).
+        They are standard deviations, which those of the lanes contain.
         """
         height_m = self.pose.height_m
-        # two standard deviations of the roll, which moves lines that are 1.8 m to the
-        # side
-        by_roll_cm = 200 * self.roll_std_rad * (height_m + 1.8**2 / height_m)
+        # lines that are 1.8 m to the side
+        by_roll_m = self.roll_std_rad * (height_m + 1.8**2 / height_m)
         width = ""
         if self.height_std_m:
             why = "the height is assumed"
             if self.state == ESTIMATED:
                 why = "lanes may be wider or narrower"
             width = f" and {self.height_std_m / height_m:.0%} ({why})"
-        least_cm = 1
         others = ", distances and curvature likewise"
         if not self.camera.calibrated:
-            least_cm = 3
             others = (
-                "; distances ahead to be off as much as the focal length, which was "
+                "; distances ahead may be off as much as the focal length, which was "
                 "not calibrated, and curvature twice as much"
             )
-        offset_cm = max(least_cm, by_roll_cm)
+        offset_m = float(np.hypot(by_roll_m, self.camera.lens_std_m))
         return (
-            f"expect offset and lane width to be good to {offset_cm:.0f} cm{width}"
-            f"{others}"
+            f"the camera adds ± {describe_std(offset_m)} m{width} to offset and lane "
+            f"width, which the ± of the results contain{others}"
         )
 
     def __repr__(self) -> str:
@@ -344,7 +340,10 @@ def estimate_pose(  # noqa: PLR0913 (options, called by name)
         return _pose_from_still(first, camera, options)
     resized, resized_camera = _resize(chain([first, second], images), camera)
     estimate = _pose_from_images(resized, resized_camera, options, progress)
-    return replace(estimate, camera=camera.with_pose(estimate.pose))
+    height_share = estimate.height_std_m / estimate.pose.height_m
+    pose_std = PoseStd(height_share, estimate.roll_std_rad)
+    posed = replace(camera, pose=estimate.pose, pose_std=pose_std)
+    return replace(estimate, camera=posed)
 
 
 def _pose_from_images(
@@ -432,6 +431,9 @@ def _pose_from_direction(
     """
     log_std = 0.0 if options.height_m else PRIOR_HEIGHT_LOG_STD
     start = camera.with_pose(options.start_pose(direction))
+    if options.prior is AHEAD:
+        # the pose of no drive is known
+        start = replace(start, pose_std=PoseStd(log_std, PRIOR_ROLL_STD_RAD))
     still = detect_with_own_pose(
         image, start, log_std, options.markings, options.settings
     )

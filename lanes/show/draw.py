@@ -301,11 +301,12 @@ def describe_lane(lane: Lane | None) -> list[str]:
     if lane is None or lane.confidence < LEAST_CONFIDENCE:
         return ["no lane"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
+    confidence = f"confidence {lane.confidence:.2f}{lane.describe_reach()}"
     lines = [
         lane.describe_bend(),
         describe_offset(lane.offset_m, lane.offset_std_m),
         " | ".join(line.describe_type() or "unknown" for line in lane.lines),
-        f"{lane.state}, confidence {lane.confidence:.2f}{uncertain}",
+        f"{lane.state}, {confidence}{uncertain}",
         lane.departure.describe() if lane.departure else None,
     ]
     return [words for words in lines if words]

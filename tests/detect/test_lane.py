@@ -4,9 +4,12 @@ and the telemetry.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from lanes.camera.model import PoseStd
 from lanes.detect.lane import LineEvidence, telemetry_row
 from lanes.detect.line_type import TypeVotes
 from lanes.detect.road import SIDES, lateral_gradients, line_y, line_y_gradients
@@ -64,6 +67,46 @@ def test_lateral_std_is_that_of_drawn_lanes(curvature):
     )
 
 
+def test_the_stds_contain_those_of_an_estimated_pose():
+    """A lane of 3.4 m seen 0.5 m left of its centre, from 1.5 m above the road."""
+    camera = dashcam(1280, height_m=1.5)
+    uncertain = replace(camera, pose_std=PoseStd(0.1, 0.02), lens_std_m=0.04)
+    model = a_lane(centre=-0.5, width=3.4, curvature=1 / 500)
+    lane = found_lane(model, STD, camera=uncertain)
+
+    by_roll_m = 0.02 * (1.5 + 1.7**2 / 1.5)
+    offset_std_m = np.linalg.norm([0.02, 0.1 * 0.5, by_roll_m, 0.04])
+    assert lane.offset_std_m == pytest.approx(offset_std_m)
+    assert lane.width_std_m == pytest.approx(np.linalg.norm([0.03, 0.34, 0.04]))
+    assert lane.curvature_std_per_m == pytest.approx(np.hypot(2e-4, 0.1 / 500))
+    assert lane.left.offset_std_m > lane.offset_std_m
+    # a given pose counts as exact
+    given = found_lane(model, STD, camera=camera)
+    assert given.offset_std_m == pytest.approx(0.02)
+
+
+def test_the_roll_moves_a_lane_as_its_std_says():
+    camera = dashcam(1280, height_m=1.5)
+    pose = camera.require_pose()
+    rolled = camera.with_pose(replace(pose, roll_rad=pose.roll_rad + 0.02))
+    lines = np.array([[8.0, 1.7], [8.0, -1.7]])
+    seen = rolled.pixels_to_road(camera.road_to_pixels(lines))
+    by_roll_m = 0.02 * (1.5 + 1.7**2 / 1.5)
+    assert abs(seen[:, 1].mean()) == pytest.approx(by_roll_m, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("heading_std", "reach_m", "words"),
+    [(0.001, 30.0, ""), (0.015, 15.0, " up to 15 m"), (0.1, 0.0, ", not to 0.2 m")],
+)
+def test_the_promise_ends_where_its_deviation_exceeds_it(heading_std, reach_m, words):
+    std = a_lane(centre=0.02, width=0.03, heading=heading_std)
+    lane = found_lane(a_lane(width=3.4), std)
+    assert lane.confident_to_m == reach_m
+    assert lane.describe_reach() == words
+    assert lane.summary()["confidence"] == f"{lane.confidence:.0%}{words}"
+
+
 def test_a_line_that_has_turned_back_has_no_position_and_no_std():
     left = found_lane(a_lane(curvature=1 / 24), STD).left
     np.testing.assert_array_equal(
@@ -108,7 +151,7 @@ def test_coefficients_are_a_taylor_series_of_the_line_at_the_car():
 
 # docs/conventions.md; other programs read them by name.
 COLUMNS = """
-state confidence offset_m offset_std_m heading_rad curvature_per_m curvature_std_per_m lane_width_m pitch_rad
+state confidence confident_to_m offset_m offset_std_m heading_rad curvature_per_m curvature_std_per_m lane_width_m pitch_rad
 camera_yaw_rad left_c0_m left_c1 left_c2_per_m left_c3_per_m2 left_kind left_colour left_double right_c0_m right_c1
 right_c2_per_m right_c3_per_m2 right_kind right_colour right_double far_left_c0_m far_right_c0_m departure
 pose_height_m pose_pitch_rad pose_yaw_rad pose_roll_rad
