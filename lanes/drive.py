@@ -369,7 +369,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
     # what is doubtful
     telemetry = table.columns()
     doubts = _find_warnings(info, camera, settings, telemetry)
-    other_poses = _describe_other_poses(telemetry, camera.require_pose())
+    other_poses = _find_other_poses(telemetry, camera.require_pose())
     if not other_poses:
         # with another pose for a part of the drive, its angles cannot be compared
         doubts += _find_moved_camera(pose, telemetry)
@@ -388,6 +388,7 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
             telemetry=telemetry,
             settings=_describe_run(video, camera, pose, settings) | {"frames": counted},
             warnings=[*_pose_warnings(video, pose, settings), *doubts],
+            other_poses=other_poses,
             command=_explain_command(video, settings),
         )
     lines = [pose.describe(), pose.describe_accuracy()] if pose else []
@@ -398,7 +399,12 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{written.frames / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{with_report} next to it"
     )
-    lines += [f"{video}: {words}" for words in (*other_poses, *doubts)]
+    for row, pose_words in other_poses:
+        lines.append(
+            f"{video}: from {telemetry['time_s'][row]:.1f} s on with another pose "
+            f"(the camera moved, or another one begins): {pose_words}"
+        )
+    lines += [f"{video}: {words}" for words in doubts]
     return Annotation(
         outputs=tuple(drive_outputs(video, settings)),
         telemetry=telemetry,
@@ -429,22 +435,21 @@ def _find_warnings(
     return [words for words in found if words]
 
 
-def _describe_other_poses(telemetry: Telemetry, first: CameraPose) -> list[str]:
-    """When the tracker went on with the pose of one image.
+def _find_other_poses(telemetry: Telemetry, first: CameraPose) -> list[tuple[int, str]]:
+    """The rows from which on the tracker has the pose of one image, and these poses.
 
     It does if no lane was likely with that of the drive.
     """
-    described = []
+    found = []
     last = np.array([getattr(first, name) for name in POSE_NAMES])
     poses = np.column_stack([telemetry[f"pose_{name}"] for name in POSE_NAMES])
-    for time_s, pose in zip(telemetry["time_s"], poses, strict=True):
+    for row, pose in enumerate(poses):
         if not np.isfinite(pose[0]):
             continue
         if (np.abs(pose - last) > _SAME_POSE).any():
-            words = CameraPose(*pose).describe()
-            described.append(f"from {time_s:.1f} s on with another pose: {words}")
+            found.append((row, CameraPose(*pose).describe()))
         last = pose
-    return described
+    return found
 
 
 def _find_moved_camera(pose: PoseEstimate | None, telemetry: Telemetry) -> list[str]:

@@ -242,11 +242,19 @@ class TestAnotherPoseOnTheWay:
 
     def test_is_told_with_its_time(self, result):
         pose = SMALL.require_pose()
-        words = rf"from ([\d.]+) s on with another pose: {re.escape(pose.describe())}"
+        words = (
+            r"from ([\d.]+) s on with another pose \(the camera moved, or another one "
+            rf"begins\): {re.escape(pose.describe())}"
+        )
         (begin_s,) = map(float, re.findall(words, result.description))
         table = result.telemetry
         first_s = table["time_s"][table["pose_pitch_rad"] == pose.pitch_rad][0]
         assert begin_s == pytest.approx(first_s, abs=0.051)
+
+    def test_is_in_the_report(self, result, tmp_path):
+        pose = re.escape(SMALL.require_pose().describe())
+        page = (tmp_path / "drive.html").read_text()
+        assert re.search(rf'"poses":\[\[\d,"{pose}"\]\]', page)
 
     def test_is_looked_for_at_the_given_height(self, result, asked_m):
         assert set(asked_m) == {SMALL.require_pose().height_m}

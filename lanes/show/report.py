@@ -64,7 +64,7 @@ _LEVEL_WORDS = {
 }
 
 
-def write_report(
+def write_report(  # noqa: PLR0913 (options, called by name)
     path: str | Path,
     *,
     title: str,
@@ -73,12 +73,14 @@ def write_report(
     settings: Mapping[str, str],
     warnings: Sequence[str] = (),
     command: str = "",
+    other_poses: Sequence[tuple[int, str]] = (),
     max_embedded_bytes: int = _MAX_EMBEDDED_BYTES,
 ) -> Path:
     """Write the report of an annotated mp4 video with its telemetry into its folder.
 
     `settings` are shown as a table, `warnings` at the top. `command` explains the frame
-    at the seconds that follow it. Returns the `path`.
+    at the seconds that follow it. `other_poses` are the rows from which on the lane was
+    found with another camera pose, and the poses in words. Returns the `path`.
     """
     video = Path(video)
     video_data = ""
@@ -99,7 +101,12 @@ def write_report(
             "settings": settings,
             "script": script,
             "script_hash": base64.b64encode(digest).decode(),
-            "data": {**_frames(telemetry), "command": command, "levels": _LEVEL_WORDS},
+            "data": {
+                **_frames(telemetry),
+                "command": command,
+                "levels": _LEVEL_WORDS,
+                "poses": list(other_poses),
+            },
         },
     )
 

@@ -238,7 +238,8 @@ def test_worst_moments_and_their_buttons(page):
     assert moments(page, "Least certain offset")[0] == (8.0, "± 0.20 m")
     assert moments(page, "Least certain bend")[0][1] == "± 0.10 per km"
     headings = page.texts("nav h3")
-    assert headings == page.value("Object.keys(worstMoments())")
+    with_moments = "Object.entries(worstMoments()).filter(([, found]) => found.length)"
+    assert headings == page.value(f"{with_moments}.map(([kind]) => kind)")
     assert len(headings) == 5
     assert page.texts("nav button")[0] == "0:04.5 lost for 1.5 s"
     page.click("nav button")
@@ -264,6 +265,24 @@ def test_a_single_lost_frame_has_one_moment(browser, folder):
         == moments(browser, "Least certain bend")
         == []
     )
+    assert browser.console() == []
+
+
+def test_all_gaps_and_poses_are_listed(browser, folder):
+    """Five gaps of one frame to 0.5 s; the longest first, two of them folded."""
+    telemetry = story()
+    state = telemetry["state"]
+    state[:] = "tracking"
+    for first, frames in ((10, 1), (30, 4), (60, 2), (90, 10), (140, 6)):
+        state[first : first + frames] = "lost"
+    show(browser, folder, telemetry, other_poses=[(100, "1.30 m high")])
+
+    texts = [text for _, text in moments(browser, "Lane not seen")]
+    seconds = ["0.5", "0.3", "0.2", "0.1", "0.05"]
+    assert texts == [f"lost for {length} s" for length in seconds]
+    assert browser.texts("nav summary")[0] == "2 more"
+    assert moments(browser, "Another camera pose") == [(5.0, "1.30 m high")]
+    assert "Another camera pose" in browser.texts("nav h3")
     assert browser.console() == []
 
 

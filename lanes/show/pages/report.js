@@ -120,7 +120,7 @@ function runsOf(labels) {
 
 const MAX_MOMENTS = 3;
 
-/** The longest runs of the wanted labels: frames, and texts with label and seconds. */
+/** Runs of the wanted labels, longest first: frames, texts with label and seconds. */
 function longestRuns(labels, wanted, words) {
   const runs = [];
   for (const [label, first, end] of runsOf(labels)) {
@@ -128,10 +128,9 @@ function longestRuns(labels, wanted, words) {
     if (wanted.includes(label)) runs.push([first, words(label), seconds]);
   }
   runs.sort((a, b) => b[2] - a[2]);
-  const longest = runs.slice(0, MAX_MOMENTS);
-  return longest.map(([first, text, seconds]) => [
+  return runs.map(([first, text, seconds]) => [
     first,
-    text + seconds.toFixed(1) + " s",
+    text + seconds.toFixed(seconds < 0.1 ? 2 : 1) + " s",
   ]);
 }
 
@@ -172,6 +171,7 @@ function worstMoments() {
   const perKilometre = (std) => `± ${std.toFixed(2)} per km`;
   return {
     "Lane not seen": longestRuns(frames.state, ["lost", "coasting"], notSeen),
+    "Another camera pose": frames.poses,
     "Lane departures": longestRuns(frames.departure, ["left", "right"], towards),
     "Lowest confidence": lowestValues(confidence, confident),
     "Least certain offset": lowestValues(offset, metres),
@@ -204,8 +204,13 @@ function listMoments() {
   for (const [kind, moments] of Object.entries(worstMoments())) {
     if (!moments.length) continue;
     add(nav, "h3", kind);
-    const list = add(nav, "ul");
-    for (const [i, text] of moments) {
+    let list = add(nav, "ul");
+    for (const [number, [i, text]] of moments.entries()) {
+      if (number === MAX_MOMENTS) {
+        const rest = add(nav, "details");
+        add(rest, "summary", `${moments.length - number} more`);
+        list = add(rest, "ul");
+      }
       const item = add(list, "li");
       const button = add(item, "button");
       add(button, "b", clock(times[i]));
