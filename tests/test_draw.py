@@ -156,16 +156,22 @@ def test_the_area_ends_with_the_nearer_line():
     assert top_px(outline.area) == pytest.approx(row_at(14.0), abs=1.5)
 
 
-def test_an_inferred_line_is_dotted_and_ends_with_the_other_one():
+def test_an_inferred_line_is_thin_and_ends_with_the_other_one():
     left, _ = seen_up_to(LANE, 24.0, 14.0).evidence
     inferred = replace(LANE, evidence=(left, NOT_SEEN))
 
     outline = lane_outline(at(0.9, inferred), SMALL)
 
     assert not len(outline.ribbons[1])
-    assert not len(outline.dotted[0])
-    _, dotted = outline.dotted
-    assert top_px(dotted) == pytest.approx(row_at(24.0), abs=1.0)
+    assert not len(outline.thin[0])
+    _, thin = outline.thin
+    assert top_px(thin) == pytest.approx(row_at(24.0), abs=1.0)
+
+    # as wide along its length, and not dotted
+    drawn = draw(at(0.9, inferred), parts=["lines"])
+    rows = slice(round(row_at(20.0)), round(row_at(8.0)))
+    across = is_colour(drawn[rows], "right").sum(axis=1)
+    assert 1 <= across.min() <= across.max() <= 6
 
 
 def test_a_lane_without_any_line_seen_is_drawn():
@@ -198,8 +204,6 @@ def test_only_a_likely_lane_is_filled(confidence, x_m):
         # dots
         (0.49, "uncertain", 0.5, 0.75),
         (0.2, "uncertain", 0.5, 0.75),
-        # small ones, of a lane that is hardly possible
-        (0.1, "uncertain", 0.05, 0.5),
     ],
 )
 def test_a_likely_line_is_a_ribbon_and_others_are_dots(confidence, colour, least, most):
@@ -216,8 +220,11 @@ def test_the_words_say_that_a_lane_is_uncertain(confidence):
     assert words[3].endswith("(uncertain)") == (confidence < 0.5)
 
 
-def test_a_lane_that_is_hardly_possible_is_none_in_words():
-    assert describe_lane(at(0.1, LANE)) == ["no lane"]
+@pytest.mark.parametrize("style", STYLES)
+def test_a_lane_that_is_hardly_possible_is_drawn_as_none(style):
+    unlikely = at(0.1, LANE)
+    assert describe_lane(unlikely) == ["no lane"]
+    np.testing.assert_array_equal(draw(unlikely, style=style), draw(None, style=style))
 
 
 # What is asked for.

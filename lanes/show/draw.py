@@ -2,8 +2,8 @@
 measures in words.
 
 The confidence decides what is drawn. A likely lane is filled; a ribbon lies on the
-paint of each line that is seen. Lines that are inferred, and those of an uncertain
-lane, are dotted.
+paint of each line that is seen, and a line that is inferred is thin. The lines of an
+uncertain lane are dotted, and nothing else is.
 """
 
 from __future__ import annotations
@@ -22,9 +22,15 @@ from lanes import canvas
 from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.confidence import LEAST_CONFIDENCE, LIKELY_CONFIDENCE
+from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
-from lanes.detect.lane import Lane, project_lines, telemetry_row, visible_part
+from lanes.detect.lane import (
+    Lane,
+    project_lines,
+    stated,
+    telemetry_row,
+    visible_part,
+)
 from lanes.detect.road import SIDES, lines_on_view
 from lanes.tracking.tracker import LaneTracker
 
@@ -58,12 +64,10 @@ SHARES = np.sqrt(np.linspace(0, 1, 24))
 # Width of a ribbon: that of narrow paint, so that the edges of most lines stay visible
 # beside it.
 RIBBON_M = 0.1
-# The root of the image's area divided by the width of a dot, and by the distance of
-# two; and those of a hint.
+# The root of the image's area divided by the width of a dot and of a thin line, and by
+# the distance of two dots.
 ROOT_PER_DOT = 220
 ROOT_PER_DOT_STEP = 70
-ROOT_PER_HINT_DOT = 480
-ROOT_PER_HINT_DOT_STEP = 35
 # Half width of the views of the road in the inset and in the mosaic.
 SHOWN_HALF_WIDTH_M = 4.5
 # Width and height of the inset, shares of the image.
@@ -77,13 +81,13 @@ class LaneOutline(NamedTuple):
     drawn.
 
     `area` is the polygon between the lines, `ribbons` are those along the left and the
-    right line, `dotted` are these lines where they are inferred or the lane is
-    uncertain.
+    right line, `thin` are these lines if they have no ribbon: inferred ones, and both
+    of an uncertain lane, which are dotted.
     """
 
     area: np.ndarray = NO_POINTS
     ribbons: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
-    dotted: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
+    thin: Sequence[np.ndarray] = (NO_POINTS, NO_POINTS)
 
 
 @dataclass(frozen=True)
@@ -120,8 +124,8 @@ def draw_lane(  # noqa: PLR0913 (options, called by name)
 ) -> np.ndarray:
     """A copy of a raw image with the lane and its measures.
 
-    An uncertain lane, with a confidence below 0.5, is dotted and not filled. One below
-    0.15 is a thin dotted hint; the words are "no lane", as without a lane.
+    A line that is inferred is thin. An uncertain lane, with a confidence below 0.5, is
+    dotted and not filled. One below 0.15 is no lane, and not drawn.
 
     Parameters
     ----------
@@ -165,6 +169,7 @@ def draw_lane(  # noqa: PLR0913 (options, called by name)
         camera = lane.camera if lane else None
     camera = require_camera(camera)
     image = camera.require_size(image)
+    lane = stated(lane)
     outline = lane_outline(lane, camera, thickness=thickness) if lane else None
     inset = None
     if "inset" in pen.parts:
@@ -214,22 +219,20 @@ def _draw_parts(
 def _draw_lines(
     drawn: np.ndarray, lane: Lane, outline: LaneOutline, pen: _Pen, root_px: float
 ) -> None:
-    """Draw the ribbons and dots of both lines of a lane.
+    """Draw the ribbons, thin lines and dots of both lines of a lane.
 
     `root_px` is the square root of the image's area.
     """
-    if lane.confidence >= LEAST_CONFIDENCE:
-        dot_px = pen.thickness * root_px / ROOT_PER_DOT
-        step_px = root_px / ROOT_PER_DOT_STEP
-    else:
-        dot_px = pen.thickness * root_px / ROOT_PER_HINT_DOT
-        step_px = root_px / ROOT_PER_HINT_DOT_STEP
-    dot_px = max(dot_px, 1.0)
+    width_px = max(pen.thickness * root_px / ROOT_PER_DOT, 1.0)
+    step_px = root_px / ROOT_PER_DOT_STEP
     likely = lane.confidence >= LIKELY_CONFIDENCE
     for k, name in enumerate(("left", "right")):
-        canvas.fill_polygon(drawn, outline.ribbons[k], pen.colours[name])
-        colour = pen.colours[name if likely else "uncertain"]
-        canvas.draw_dots(drawn, outline.dotted[k], colour, dot_px, step_px)
+        thin = outline.thin[k]
+        if likely:
+            canvas.fill_polygon(drawn, outline.ribbons[k], pen.colours[name])
+            canvas.draw_polyline(drawn, thin, pen.colours[name], width_px)
+        else:
+            canvas.draw_dots(drawn, thin, pen.colours["uncertain"], width_px, step_px)
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
@@ -247,7 +250,7 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
     along_m = np.append(np.minimum(along_m, farthest_m), min(ends_m))
     along_m.sort()
 
-    # the outer edge of each ribbon, or the line that is dotted, and the inner edges
+    # the outer edge of each ribbon, or the thin line, and the inner edges
     likely = lane.confidence >= LIKELY_CONFIDENCE
     seen = [likely and line.seen for line in lane.lines]
     half_m = thickness * RIBBON_M / 2
@@ -260,18 +263,18 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
     # each line up to its end
     ribbons = [NO_POINTS, NO_POINTS]
-    dotted = [NO_POINTS, NO_POINTS]
+    thin = [NO_POINTS, NO_POINTS]
     counts = np.searchsorted(along_m, ends_m, side="right").tolist()
     for k, count in enumerate(counts):
         if seen[k]:
             ribbons[k] = _polygon_between(outer[k, :count], inner[k, :count])
         else:
-            dotted[k] = visible_part(outer[k, :count])
+            thin[k] = visible_part(outer[k, :count])
     area = NO_POINTS
     if likely:
         left, right = inner[:, : min(counts)]
         area = _polygon_between(left, right)
-    return LaneOutline(area, ribbons, dotted)
+    return LaneOutline(area, ribbons, thin)
 
 
 def _polygon_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -298,7 +301,7 @@ def describe_lane(lane: Lane | None) -> list[str]:
     """The result in words: bend, offset, types of the lines, state with confidence, and
     a warning if one is due.
     """
-    if lane is None or lane.confidence < LEAST_CONFIDENCE:
+    if stated(lane) is None:
         return ["no lane"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
     confidence = f"confidence {lane.confidence:.2f}{lane.describe_reach()}"

@@ -19,7 +19,7 @@ from lanes.camera.model import Camera, undistort
 from lanes.canvas import LANE_COLOUR, LEFT_COLOUR, RIGHT_COLOUR, WINDOW_COLOUR, Colour
 from lanes.describe import describe_std
 from lanes.detect.evidence import Stripes
-from lanes.detect.lane import Lane, Line
+from lanes.detect.lane import Lane, Line, stated
 from lanes.detect.road import CENTRE, CURVATURE, SIDES, WIDTH, lines_on_view
 from lanes.detect.search import StillDetection
 from lanes.files import write_atomically
@@ -154,7 +154,7 @@ def _summaries(explanation: Explanation) -> dict[str, str]:
         summaries["votes"] = "no search in this frame"
     for step in explanation.steps:
         summaries[step.name] = step.summary
-    lane = explanation.lane
+    lane = stated(explanation.lane)
     summaries["lane"] = "no lane"
     if lane:
         summaries["lane"] = f"{lane.state}, confidence {lane.confidence:.0%}"
@@ -323,7 +323,7 @@ def _plot_votes(axis: Axes, explanation: Explanation) -> None:
 
 def _plot_fit(axis: Axes, explanation: Explanation) -> None:
     """Lanes on the road in metres: the chosen one with its uncertainty, rejected ones
-    dashed, the predicted dotted.
+    dashed, the predicted dash-dotted.
     """
     fit = explanation.fit
     assert fit is not None
@@ -333,7 +333,7 @@ def _plot_fit(axis: Axes, explanation: Explanation) -> None:
     if explanation.prediction is not None:
         lines = lines_on_view(explanation.prediction[None], view.x_m, view.height_m)[0]
         labels = ["predicted", None]
-        axis.plot(lines.T, view.x_m, color="0.2", lw=1, ls=":", label=labels)
+        axis.plot(lines.T, view.x_m, color="0.2", lw=1, ls="-.", label=labels)
     for candidate in explanation.candidates:
         if not candidate.chosen:
             lines = lines_on_view(candidate.model[None], view.x_m, view.height_m)[0]
