@@ -301,7 +301,8 @@ def describe_lane(lane: Lane | None) -> list[str]:
     """The result in words: bend, offset, types of the lines, state with confidence, and
     a warning if one is due.
     """
-    if stated(lane) is None:
+    lane = stated(lane)
+    if lane is None:
         return ["no lane"]
     uncertain = " (uncertain)" if lane.confidence < LIKELY_CONFIDENCE else ""
     confidence = f"confidence {lane.confidence:.2f}{lane.describe_reach()}"
