@@ -412,7 +412,7 @@ def test_the_warnings_are_those_of_the_car(tmp_path, camera_offset_m, advised):
     )
 
     assert not np.isin(result.telemetry["departure"], ("left", "right")).any()
-    advice = "give --camera-offset or --car-width"
+    advice = "give --camera-offset (> 0: left as the camera looks) or --car-width"
     assert (advice in result.description) == advised
 
 

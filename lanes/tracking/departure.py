@@ -55,7 +55,7 @@ def describe_crossings(
     return (
         f"the tyres would be on a line in {crossing.sum()} of {likely.sum()} frames if "
         f"the car is {car_width_m:g} m wide and the camera in its middle; otherwise "
-        "give --camera-offset or --car-width."
+        "give --camera-offset (> 0: left as the camera looks) or --car-width."
     )
 
 

@@ -557,3 +557,15 @@ def test_numbers_of_any_kind_are_taken():
     )
     lane = tracker.update(DRIVE.frame(0.0), elapsed_s=np.float32(0))
     assert (lane.motion.speed_mps, lane.confidence_shift) == (25, -1.0)
+
+
+def test_a_rear_camera_is_tracked_as_it_looks():
+    """The drive played backwards: left and right are those of the image."""
+    tracker = LaneTracker(SMALL, fps=FPS)
+    errors_m = []
+    for time_s in np.arange(80)[::-1] / FPS:
+        lane = tracker.update(DRIVE.frame(time_s))
+        left, right = (DRIVE.truth(time_s).line_y(n, np.zeros(1))[0] for n in (0, 1))
+        errors_m.append(lane.offset_m + (left + right) / 2)
+        assert not lane.departure.due
+    assert np.percentile(np.abs(errors_m), 95) < 0.05
