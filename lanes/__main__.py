@@ -747,8 +747,8 @@ def add_lens(parser: argparse._ActionsContainer) -> None:
         type=bounded(float, -MAX_OFFSET_M, MAX_OFFSET_M),
         metavar="M",
         help="how far the camera is left of the middle of the car, metres, as it looks "
-        "(of a rear camera on the car's right); < 0: right (default: that of the camera "
-        "file)",
+        "(of a rear camera: on the car's right); < 0: right (default: that of the "
+        "camera file)",
     )
     parser.add_argument(
         "--car-width",

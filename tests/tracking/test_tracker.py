@@ -568,4 +568,6 @@ def test_a_rear_camera_is_tracked_as_it_looks():
         left, right = (DRIVE.truth(time_s).line_y(n, np.zeros(1))[0] for n in (0, 1))
         errors_m.append(lane.offset_m + (left + right) / 2)
         assert not lane.departure.due
-    assert np.percentile(np.abs(errors_m), 95) < 0.05
+    # more than forwards, because the tracker expects a road that comes nearer
+    assert np.percentile(np.abs(errors_m), 95) < 0.15
+    assert abs(np.mean(errors_m)) < 0.03
