@@ -75,7 +75,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         type=Path,
-        default=Path("real_roads"),
+        default=Path("found_roads_results"),
         metavar="FOLDER",
         help="folder of the lanes and pages (default: %(default)s)",
     )

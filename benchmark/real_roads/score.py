@@ -22,13 +22,12 @@ from benchmark.real_roads.sets import (
     add_set_arguments,
     read_road_sets,
 )
-from benchmark.real_roads.tables import describe, set_rows
+from benchmark.real_roads.tables import set_rows
 from lanes.describe import format_table, number_cells
 from lanes.files import require_no_input_among
 from lanes.labels import read_predictions
 from lanes.score import (
     StillScore,
-    Table,
     describe_predictions,
     reliability,
     score_still,
@@ -74,25 +73,46 @@ def sizes_of_stills(sets: Sequence[RoadSet]) -> dict[str, tuple[int, int]]:
 
 
 def report(sets: Sequence[RoadSet], file: Path, page: Path) -> None:
-    """Print the scores of a file's predictions, and write the page."""
-    scored = score_predictions(sets, file, sizes_of_stills(sets))
-    print(describe(sets, file.stem, scored))
-    scores = [one.score for lanes in scored for one in lanes]
-    print(describe_confidence(scores))
-    print(describe_worst(sets, file.stem, scored))
+    """Print the scores of a file's predictions, and write the page.
 
-    labels = [score.label for score in scores]
+    ValueError without sets.
+    """
+    if not sets:
+        raise ValueError("no labelled set is in this half; choose the other one.")
+    scored = score_predictions(sets, file, sizes_of_stills(sets))
+    scores = [one.score for lanes in scored for one in lanes]
+    rows = set_rows(sets, file.stem, scored)
+    print(format_table(*number_cells(rows)))
+    print(describe_confidence(scores))
+    worst = min(sets, key=lambda one: rows[one.row_name]["points"])
+    points = rows[worst.row_name]["points"]
+    print(f"worst set: {worst.name}, {points:.3f} of the points")
+
     pictures = [roads.folder / label.name for roads in sets for label in roads.labels]
+    notes = _describe_notes(file, scores, pictures)
+    tables = score_tables(scores, max_worst=len(scores))
+    written = write_score_page(
+        page,
+        scores,
+        pictures,
+        {**tables, "scores": rows},
+        title=f"{file} on {sets[0].folder}",
+        notes=notes,
+    )
+    print(f"{notes}wrote {written}")
+
+
+def _describe_notes(
+    file: Path, scores: Sequence[StillScore], pictures: Sequence[Path]
+) -> str:
+    """A line for each note on the predictions."""
+    labels = [score.label for score in scores]
     notes = ""
     found = read_predictions(file, labels)
     for what, some in describe_predictions(labels, found, pictures):
         if some:
             notes += f"note: {len(some)} of {len(labels)} {what}\n"
-    tables: dict[str, Table] = {"sets": set_rows(sets, file.stem, scored)}
-    tables |= score_tables(scores, max_worst=len(scores))
-    title = f"{file} on {sets[0].folder}"
-    written = write_score_page(page, scores, pictures, tables, title=title, notes=notes)
-    print(f"{notes}wrote {written}")
+    return notes
 
 
 def describe_confidence(scores: Sequence[StillScore]) -> str:
@@ -100,18 +120,6 @@ def describe_confidence(scores: Sequence[StillScore]) -> str:
     if all(score.prediction.confidence is None for score in scores):
         return "no confidence is stated"
     return format_table(*number_cells(reliability(scores)))
-
-
-def describe_worst(
-    sets: Sequence[RoadSet], way: str, scored: Sequence[Sequence[ScoredLane]]
-) -> str:
-    """The set with the smallest share of matched points."""
-    rows = set_rows(sets, way, scored)
-    points = {
-        roads.name: rows[f"{roads.half} {roads.name}"]["points"] for roads in sets
-    }
-    worst = min(points, key=lambda name: points[name])
-    return f"worst set: {worst}, {points[worst]:.3f} of the points"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -124,7 +132,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "-o",
         "--output",
         type=Path,
-        default=Path("real_roads.html"),
+        default=Path("found_roads.html"),
         metavar="PAGE",
         help="page to write (default: %(default)s)",
     )

@@ -47,6 +47,11 @@ class RoadSet:
         digest = hashlib.sha256(self.name.encode()).digest()
         return "AB"[digest[0] % 2]
 
+    @property
+    def row_name(self) -> str:
+        """Half and name: its row in a table."""
+        return f"{self.half} {self.name}"
+
     def stills(self) -> Sequence[Path]:
         """All stills, also those without a label."""
         path = self.folder / self.name

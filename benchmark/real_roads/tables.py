@@ -84,7 +84,7 @@ def set_rows(
         if not lanes:
             continue
         scores = [one.score for one in lanes]
-        rows[f"{roads.half} {roads.name}"] = _summary([scores])
+        rows[roads.row_name] = _summary([scores])
         of_half[f"{way} {roads.half}"].append(scores)
         of_half[f"{way} AB"].append(scores)
     for name, some in of_half.items():

@@ -103,6 +103,15 @@ def test_a_half_has_its_sets_only(folder, capsys):
     assert printed == {name for name in halves if halves[name] == halves["low"]}
 
 
+def test_a_half_without_a_set_is_named(tmp_path, capsys):
+    entry = {"raw_file": "a/0.png", "h_samples": [1], "lanes": [[1], [2]]}
+    write_lines(tmp_path / "labels.jsonl", [entry])
+    (roads,) = read_road_sets(tmp_path)
+    other = {"A": "B", "B": "A"}[roads.half]
+    assert score(tmp_path, [entry], "--half", other) == 2
+    assert "no labelled set is in this half" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("name", ["lanes.jsonl", "labels.jsonl", "low/0.png"])
 def test_an_input_is_not_overwritten(folder, name, capsys):
     write_lines(folder / "lanes.jsonl", labels_of(folder))
