@@ -35,6 +35,7 @@ from lanes.video.sources import find_sources
 from tests.support import robot_logs as logs
 from tests.support.clips import encode
 from tests.support.painted_drive import BENDS, SMALL
+from tests.support.project import names
 from tests.support.robot_logs import (
     TINY,
     TINY_TIMES_S,
@@ -395,6 +396,29 @@ def test_a_database_whose_recorder_was_killed_is_read_with_its_log(tmp_path):
 
     assert os.path.getsize(f"{killed}-wal") > 0
     assert shades(killed) == SHADES
+
+
+@pytest.mark.parametrize("name", ["killed.db3", "a?b %41#.db3"])
+def test_a_database_whose_recorder_was_killed_while_it_wrote_is_read(tmp_path, name):
+    """Without a write-ahead log, SQLite keeps the old pages in a journal; the recording
+    stays as it is.
+    """
+    path = logs.write_log(tmp_path / name, TINY, TINY_TIMES_S)
+    killed = tmp_path / "copy" / name
+    killed.parent.mkdir()
+    with closing(sqlite3.connect(path)) as database:
+        database.executescript("PRAGMA journal_mode=DELETE; PRAGMA cache_size=1")
+        database.execute("DELETE FROM messages")
+        rows = [(number, 1, number, bytes(300)) for number in range(1000)]
+        database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows)
+        for suffix in ("", "-journal"):  # as they are while the recorder runs
+            shutil.copyfile(f"{path}{suffix}", f"{killed}{suffix}")
+    before = killed.read_bytes()
+    assert os.path.getsize(f"{killed}-journal") > 0
+
+    assert shades(killed) == SHADES
+    assert killed.read_bytes() == before
+    assert names(killed.parent) == {name, f"{name}-journal"}
 
 
 @pytest.fixture

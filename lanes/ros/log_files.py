@@ -223,11 +223,11 @@ def _unpack(path: Path, opened: ExitStack) -> Path:
 
 def _open_database(path: Path, opened: ExitStack) -> LogFile:
     """A file of rosbag2 in SQLite."""
+    path, mode = _complete_database(path, opened)
     log = path.with_name(f"{path.name}-wal")
     was_killed = log.is_file() and log.stat().st_size > 0
-    # As it is: SQLite would write files beside a database in WAL mode, even if nothing
-    # is in its log.
-    mode = "mode=ro" if was_killed else "immutable=1"
+    if was_killed:
+        mode = "mode=ro"
     uri = f"{path.absolute().as_uri()}?{mode}"
     connection = sqlite3.connect(uri, uri=True, check_same_thread=False)
     database = opened.enter_context(closing(connection))
@@ -258,6 +258,21 @@ def _open_database(path: Path, opened: ExitStack) -> LogFile:
         return database.execute(query, [*numbers, start_ns])
 
     return LogFile(channels, read)
+
+
+def _complete_database(path: Path, opened: ExitStack) -> tuple[Path, str]:
+    """The database, and how SQLite opens it; a copy if its recorder was killed while it
+    wrote without a write-ahead log: SQLite takes back what was written by halves.
+    """
+    journal = path.with_name(f"{path.name}-journal")
+    if not journal.is_file() or not journal.stat().st_size:
+        # As it is: SQLite would write files beside a database in WAL mode, even if
+        # nothing is in its log.
+        return path, "immutable=1"
+    folder = Path(opened.enter_context(TemporaryDirectory()))
+    for file in (path, journal):
+        shutil.copyfile(file, folder / file.name)
+    return folder / path.name, "mode=rw"
 
 
 # Other files.
