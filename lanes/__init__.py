@@ -23,6 +23,23 @@ Videos: `track`, `annotate`. Other cameras: `calibrate`, `estimate_pose`. The AP
 `__all__`; modules are its inside.
 """
 
+import os
+import signal
+import sys
+
+
+def _stop_loading(*_: object) -> None:
+    os.write(2, b"\ninterrupted; nothing was written\n")
+    os._exit(130)
+
+
+# Ctrl-C while the modules of a command are loaded, which takes a second, ends it as
+# later; `run_program` takes over.
+_is_command = sys.orig_argv[1:3] == ["-m", "lanes"]
+_is_command |= os.path.basename("".join(sys.orig_argv[1:2])) == "lanes"
+if _is_command and signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+    signal.signal(signal.SIGINT, _stop_loading)
+
 from lanes.console import require_opencv
 
 require_opencv()  # before modules that use what only OpenCV 5 has

@@ -182,6 +182,8 @@ def run_command(command: Any, program: str, arguments: list[str]) -> int:
 def run_program(main: Callable[[], int]) -> None:
     """Exit this process with the status of `main()`; SIGTERM gives status 143."""
     signal.signal(signal.SIGTERM, _exit_on_signal)
+    if signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     # A terminal that cannot show a file name or a sign such as ± must not stop the
     # command, nor one that is closed (`| head`) or a full disk behind it: the exit
     # status is that of the work.

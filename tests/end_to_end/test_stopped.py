@@ -5,6 +5,7 @@ whole new one.
 from __future__ import annotations
 
 import json
+import os
 import random
 import signal
 import subprocess
@@ -26,7 +27,7 @@ from tests.support import command_line
 from tests.support.clips import write_drive
 from tests.support.command_line import WAIT_S, popen, run, start
 from tests.support.painted_drive import BENDS
-from tests.support.project import names
+from tests.support.project import ROOT, names
 
 FRAMES = 40
 
@@ -250,3 +251,42 @@ def test_files_are_written_although_nobody_can_read_the_words(drive, tmp_path, o
         "pictures.csv",
     }
     assert inspect_video(out / "drive.mp4").frames == FRAMES
+
+
+# Sends Ctrl-C when a module is looked for.
+STOPS_AT = """
+import os, signal, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "{}":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Finder())
+"""
+
+
+def run_stopped_at(
+    module: str, folder: Path, *command: str
+) -> subprocess.CompletedProcess:
+    """A Python that is stopped while it loads a module."""
+    (folder / "sitecustomize.py").write_text(STOPS_AT.format(module))
+    paths = os.pathsep.join([str(folder), str(ROOT)])
+    return subprocess.run(
+        [sys.executable, *command],
+        env=os.environ | {"PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+    )
+
+
+@pytest.mark.parametrize("module", ["cv2", "lanes.drive", "lanes.many"])
+def test_ctrl_c_while_modules_are_loaded_is_no_traceback(tmp_path, sigint, module):
+    stopped = run_stopped_at(module, tmp_path, "-m", "lanes", "--help")
+    assert stopped.returncode == 130
+    assert stopped.stderr == "\ninterrupted; nothing was written\n"
+
+
+def test_a_program_that_imports_lanes_handles_ctrl_c_itself(tmp_path, sigint):
+    code = "try:\n import lanes\nexcept KeyboardInterrupt:\n print('its own')"
+    stopped = run_stopped_at("lanes.drive", tmp_path, "-c", code)
+    assert (stopped.returncode, stopped.stdout) == (0, "its own\n")
