@@ -61,6 +61,10 @@ _WITHOUT_PRESENTATION_TIMES = ("avi", "mpegvideo")
 CLOCK_SET_S = 86_400.0
 # Pixels of 16 bits, in which cameras with 12 bits store theirs.
 _DEEP_FORMATS = ("gray16", "rgb48", "bgr48", "rgba64", "bgra64", "gbrp16")
+# Colours that look pale if they are taken for those of BT.709: primaries of BT.2020 and
+# P3, and the transfer functions of BT.2020, PQ and HLG (ITU-T H.273, tables 2 and 3).
+_WIDE_PRIMARIES = (9, 11, 12)
+_WIDE_TRANSFERS = (14, 15, 16, 18)
 _NOT_DECODED = "holds no frame that can be decoded; copy or export it again."
 # Some containers round time stamps to a millisecond: a time stamp this close to a limit
 # counts as equal.
@@ -100,6 +104,9 @@ class VideoInfo:
     topic: str | None = None  # of the images in a robot log
     orientation: int = 1  # in EXIF, as the display matrix says
     note: str = ""  # corrections of the times of a robot log, in words
+    # Code points of ITU-T H.273, tables 2 and 3; 1 for all that look like BT.709.
+    primaries: int = 1
+    transfer: int = 1
 
     @property
     def has_audio(self) -> bool:
@@ -313,6 +320,8 @@ def _index_video(path: str, *version: int) -> VideoIndex:
             sound_tracks=len(container.streams.audio),
             missing=max(not_stored, drive.missing + cut_off),
             orientation=orientation,
+            primaries=_known(first.color_primaries, _WIDE_PRIMARIES),
+            transfer=_known(first.color_trc, _WIDE_TRANSFERS),
         )
         shown_s = np.sort(times_s[times_s >= 0])
         return VideoIndex(
@@ -324,6 +333,10 @@ def _index_video(path: str, *version: int) -> VideoIndex:
             has_one_clock=steps.have_one_clock,
             states_turns=packets.state_turns,
         )
+
+
+def _known(code: int, wide: Sequence[int]) -> int:
+    return code if code in wide else 1
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,13 +52,15 @@ Row = Mapping[str, object]
 _COPIED_CODECS = {"aac", "opus", "flac"}
 _SOUND_RATE_HZ = 48_000
 # Code points of ITU-T H.273, tables 2 to 4: BT.601 in the limited range, which FFmpeg
-# assumes for videos without tags; players disagree on these.
+# assumes for videos without tags; players disagree on these. Primaries of BT.2020 have
+# the matrix of BT.2020, which players expect with them.
 _COLOUR_TAGS = {"colorspace": 6, "color_range": 1, "color_primaries": 1, "color_trc": 1}
+_BT_2020 = 9
 
 
 class VideoWriter:
-    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start,
-    `_COLOUR_TAGS`.
+    """Writer of an mp4 file that browsers play: H.264, yuv420p, index at the start, all
+    tags of colours.
 
     Use it in a `with` block. The file is renamed to `path` at the end of the block,
     after its frames were counted. If the block raises, the unfinished file is removed
@@ -78,6 +80,8 @@ class VideoWriter:
     sound_end_s : float, optional
         End of the sound, on the clock of `sound_from`; by default all of it is written,
         also after the last frame.
+    primaries, transfer : int
+        Code points of the colours, as in `VideoInfo`; by default those of BT.709.
 
     Raises
     ------
@@ -93,6 +97,8 @@ class VideoWriter:
         fps: float,
         sound_from: str | Path | None = None,
         sound_end_s: float | None = None,
+        primaries: int = 1,
+        transfer: int = 1,
     ) -> None:
         self.path = Path(path)
         if self.path.suffix.lower() != ".mp4":
@@ -113,6 +119,13 @@ class VideoWriter:
         per_frame = math.ceil(10_000 / self._rate.numerator)
         self._tick = Fraction(1, self._rate.numerator * per_frame)
         self._ticks_per_frame = self._rate.denominator * per_frame
+
+        self._tags = _COLOUR_TAGS | {
+            "color_primaries": primaries,
+            "color_trc": transfer,
+        }
+        if primaries == _BT_2020:
+            self._tags["colorspace"] = _BT_2020
 
         self._sound_from = sound_from
         self._sound_end_s = math.inf if sound_end_s is None else sound_end_s
@@ -173,10 +186,14 @@ class VideoWriter:
         if height % 2 or width % 2:
             padding = (0, height % 2), (0, width % 2), (0, 0)
             image = np.pad(image, padding, "edge")
-        planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
-        yuv = np.asarray(planes, np.uint8)
-        frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
-        _tag(frame)
+        if self._tags["colorspace"] == _BT_2020:
+            rgb = av.VideoFrame.from_ndarray(image, format="rgb24")
+            frame = rgb.reformat(format="yuv420p", dst_colorspace=_BT_2020)
+        else:  # several times as fast
+            planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
+            yuv = np.asarray(planes, np.uint8)
+            frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
+        _tag(frame, self._tags)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
         return frame
@@ -193,7 +210,9 @@ class VideoWriter:
 
     def _open_container(self, frame: av.VideoFrame) -> OutputContainer:
         size = frame.width, frame.height
-        container, self._stream = open_mp4(self._partial, size, self._rate, self._tick)
+        container, self._stream = open_mp4(
+            self._partial, size, self._rate, self._tick, self._tags
+        )
         self._container = container
         self._resources.callback(_close_quietly, container)
 
@@ -365,7 +384,11 @@ class _Sound:
 
 
 def open_mp4(
-    path: Path, size: tuple[int, int], rate: Fraction, tick: Fraction
+    path: Path,
+    size: tuple[int, int],
+    rate: Fraction,
+    tick: Fraction,
+    tags: Mapping[str, int] = _COLOUR_TAGS,
 ) -> tuple[OutputContainer, av.VideoStream]:
     """An mp4 container open for writing and its H.264 stream for frames of `size`
     (width, height).
@@ -384,12 +407,12 @@ def open_mp4(
     # The bytes of x264 depend on its number of threads: a fixed number gives the same
     # file on every machine. Four are as fast as any other number on two cores.
     codec.thread_count = 4
-    _tag(codec)
+    _tag(codec, tags)
     return container, stream
 
 
-def _tag(target: av.VideoCodecContext | av.VideoFrame) -> None:
-    for name, code in _COLOUR_TAGS.items():
+def _tag(target: av.VideoCodecContext | av.VideoFrame, tags: Mapping[str, int]) -> None:
+    for name, code in tags.items():
         setattr(target, name, code)
 
 
@@ -466,7 +489,14 @@ def process_video(
     if isinstance(telemetry, str | Path):
         telemetry = TelemetryWriter(telemetry)
     sound_from = source if info.has_audio else None
-    writer = VideoWriter(target, fps=info.fps, sound_from=sound_from, sound_end_s=end_s)
+    writer = VideoWriter(
+        target,
+        fps=info.fps,
+        sound_from=sound_from,
+        sound_end_s=end_s,
+        primaries=info.primaries,
+        transfer=info.transfer,
+    )
     takes_time = _takes_time(function)
     frames = read_frames(source, info, start_s=start_s, end_s=end_s, progress=progress)
     numbers: list[int] = []

@@ -96,16 +96,28 @@ SPACES = {
     for k, matrix in enumerate(LUMA)
 }
 SPACES |= {
-    "HDR, PQ": ((9, 1, 9, 14), "yuv420p10le"),
+    "BT.2020": ((9, 1, 9, 14), "yuv420p10le"),
+    "HDR, PQ": ((9, 1, 9, 16), "yuv420p10le"),
     "HDR, HLG": ((9, 1, 9, 18), "yuv420p10le"),
+    "P3": ((1, 1, 12, 13), "yuv420p"),
     "4:4:4": ((1, 2, 1, 1), "yuv444p"),
     "untagged": ((2, 1, 2, 2), "yuv420p"),
 }
 
 
-@pytest.mark.parametrize(("tags", "form"), SPACES.values(), ids=SPACES)
-def test_every_colour_space_shows_the_same_colours_in_the_output(tmp_path, tags, form):
+# Tags of the output, without which these look pale.
+WIDE = {
+    "BT.2020": (9, 1, 9, 14),
+    "HDR, PQ": (9, 1, 9, 16),
+    "HDR, HLG": (9, 1, 9, 18),
+    "P3": (6, 1, 12, 1),
+}
+
+
+@pytest.mark.parametrize("name", SPACES)
+def test_every_colour_space_shows_the_same_colours_in_the_output(tmp_path, name):
     """Untagged colours are taken for those of BT.601."""
+    tags, form = SPACES[name]
     frames = [make_frame(patches(), tags, form) for _ in range(5)]
     header = dict(zip(TAGS, tags, strict=True))
     source = encode(
@@ -113,7 +125,7 @@ def test_every_colour_space_shows_the_same_colours_in_the_output(tmp_path, tags,
     )  # without loss
     assert_shows(source, patches(), 4)
     process_video(source, tmp_path / "out.mp4", unchanged, progress=False)
-    assert tags_of(tmp_path / "out.mp4") == (6, 1, 1, 1)
+    assert tags_of(tmp_path / "out.mp4") == WIDE.get(name, (6, 1, 1, 1))
     assert_shows(tmp_path / "out.mp4", patches(), 12)
 
 
