@@ -431,7 +431,8 @@ def _read_orientation(message: bytes) -> int:
     """The EXIF orientation nearest to that of a message: it may cancel the one before,
     or flip horizontally and vertically, and then turn anticlockwise.
     """
-    bits = f"{int.from_bytes(message[:3], 'big'):024b}"
+    first_bytes = message[:3].ljust(3, b"\0")
+    bits = f"{int.from_bytes(first_bytes, 'big'):024b}"
     cancels, flips_columns, flips_rows = (bit == "1" for bit in bits[:3])
     if cancels:
         return 1

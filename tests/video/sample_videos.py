@@ -68,18 +68,21 @@ def set_matrix(source: Path, target: Path, a: int, b: int, c: int, d: int) -> No
 
 
 def state_turns(
-    codec: str, turns: Mapping[int, int]
+    codec: str, turns: Mapping[int, int | None]
 ) -> Callable[[list[av.Packet]], list[av.Packet]]:
     """An edit for `encode`: the stream states at these frames how many degrees it is to
-    be turned anticlockwise (ITU-T H.274, display orientation; it persists).
+    be turned anticlockwise (ITU-T H.274, display orientation; it persists), or with
+    None that it is no longer to be turned.
     """
     unit = {"libx264": b"\x06", "libx265": b"\x4e\x01"}[codec]
 
     def edit(packets: list[av.Packet]) -> list[av.Packet]:
         for number, degrees in turns.items():
-            # no flips, the turn in 16 bits, a period of 1, no extension, end
-            bits = f"000{degrees * 2**16 // 360:016b}01001"
-            message = b"\x2f\x03" + int(bits, 2).to_bytes(3, "big") + b"\x80"
+            message = b"\x2f\x01\xa0\x80"  # cancels the one before
+            if degrees is not None:
+                # no flips, the turn in 16 bits, a period of 1, no extension, end
+                bits = f"000{degrees * 2**16 // 360:016b}01001"
+                message = b"\x2f\x03" + int(bits, 2).to_bytes(3, "big") + b"\x80"
             before = packets[number]
             packet = av.Packet(b"\0\0\0\1" + unit + message + bytes(before))
             packet.stream = before.stream

@@ -265,7 +265,7 @@ class TestTurnsInTheStream:
         assert [*map(number_of, stored)] == list(range(round(25 * start_s), 75))
 
     @pytest.mark.parametrize("start_s", [0.0, 2.0])
-    @pytest.mark.parametrize("turns", [{30: 180}, {0: 180, 30: 0}])
+    @pytest.mark.parametrize("turns", [{30: 180}, {0: 180, 30: 0}, {0: 180, 30: None}])
     def test_another_one_holds_from_its_frame_on(self, encode_turned, turns, start_s):
         for frame in read_timed_frames(encode_turned(turns), start_s=start_s):
             is_turned = (frame.number >= 30) == (turns[30] == 180)
