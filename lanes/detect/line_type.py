@@ -46,19 +46,28 @@ MIN_ROWS = 4
 # stripe: the bonnet or a car may hide the others.
 PAINTED_FROM = 0.5
 BARE_BELOW = 0.25
-# Length and painted share of solid lines at least: few dashes are longer.
+# Length and painted share of solid lines at least: few dashes are longer. One dash may
+# be all that is seen: paint has to be seen on most of what is in the image, too.
 MIN_SOLID_M = 8.0
 SOLID_FROM = 0.8
+SOLID_VISIBLE_FROM = 0.5
 # Length and bare share of dashed lines at least: gaps are one to three times as long as
 # dashes, seldom a third (edge lines in France). Two short dashes and their gap take 5
 # m. Chosen, as the numbers above and below, on half A of the labelled real roads.
 MIN_DASHED_M = 5.0
 DASHED_FROM = 0.15
-# Mean yellowness of white lines at most, and of yellow lines at least.
+# Yellowness of white lines at most, and of yellow lines at least.
 WHITE_TO = 0.25
 YELLOW_FROM = 0.55
-# Share of its weight that an observation keeps with each further one, about 10 m later.
+# Blue that yellow paint lacks at least, relative to its brightness; on real roads 0.2
+# to 0.5. Paint that lacks less on a bluer road, as at the end of a tunnel, may be of
+# either colour; its yellowness.
+YELLOW_PAINT_FROM = 0.08
+EITHER = 0.4
+# Share of its weight that an observation keeps with each further one, about 10 m later,
+# and its vote on the colour, which changes less often.
 KEEP = 0.8
+KEEP_COLOUR = 0.9
 
 
 @dataclass(frozen=True)
@@ -77,7 +86,9 @@ class MarkingProfile:
     # Blue that the paint lacks, relative to white paint in the same light: about 0 for
     # white paint, 1 for yellow. None in an image without colours.
     yellowness: float | None
-    # Length of the line that is seen, that with paint, and that without.
+    # Length of the line in the image, of its part between the first and last stripe,
+    # and of that with paint and without.
+    visible_m: float
     seen_m: float
     painted_m: float
     bare_m: float
@@ -115,7 +126,13 @@ def marking_profile(
     stripes. `side` is +1 for a line to the left of the lane, else -1. `coloured`:
     whether the image shows colours.
     """
-    rows, column = _straight_cells(view, line_y_m, stripe_rows)
+    rows, column = _straight_cells(view, line_y_m)
+    visible_m = float(view.row_columns[rows].sum() * view.cell_m)
+    first = stripe_rows.min(initial=len(line_y_m))
+    last = stripe_rows.max(initial=0)
+    between = (rows >= first) & (rows <= last)
+    rows = rows[between]
+    column = column[between]
     painted = np.isin(rows, stripe_rows)
     if np.count_nonzero(painted) < MIN_ROWS:
         return None
@@ -146,6 +163,7 @@ def marking_profile(
         centre_m=centre_m,
         gap=gap,
         yellowness=yellowness,
+        visible_m=visible_m,
         seen_m=float(depth_m.sum()),
         painted_m=float(depth_m @ (along >= PAINTED_FROM * usual)),
         bare_m=float(depth_m @ (along < BARE_BELOW * usual)),
@@ -220,24 +238,22 @@ def _yellowness(
     lacking = yellow_height - white_height
     blue = height - yellow_height
     usual = abs(height - white_height) + abs(blue) + paint.noise_floor
-    return float(lacking / usual)
+    yellowness = float(lacking / usual)
+    is_yellow = yellow[on_band].mean() > YELLOW_PAINT_FROM * light[on_band].mean()
+    return yellowness if is_yellow else min(yellowness, EITHER)
 
 
 def _straight_cells(
-    view: BirdsEyeView, line_y_m: np.ndarray, stripe_rows: np.ndarray
+    view: BirdsEyeView, line_y_m: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Rows (N,) in which a line is seen, and their columns (N, offsets) at `OFFSETS_M`.
+    """Rows (N,) in which a line passes, and their columns (N, offsets) at `OFFSETS_M`.
 
-    They are rows of the view between the stripes.
+    They are near rows with all offsets in the image.
     """
-    # rows between the stripes, in which all offsets are in the view
     most = view.y_m[0] - REACH_M
     least = view.y_m[-1] + REACH_M
     in_view = (line_y_m < most) & (line_y_m > least) & (view.x_m < PROFILE_FAR_M)
     rows = np.flatnonzero(in_view)
-    first = stripe_rows.min(initial=len(line_y_m))
-    last = stripe_rows.max(initial=0)
-    rows = rows[(rows >= first) & (rows <= last)]
     if len(rows) < MIN_ROWS:
         return rows[:0], np.empty((0, len(OFFSETS_M)), np.float32)
 
@@ -256,33 +272,34 @@ def _straight_cells(
 
 
 class TypeVotes(NamedTuple):
-    """Sums over the observations so far: their number, those with colours, those of a
-    double line, and those of `MarkingProfile`.
+    """Sums over the observations so far: their number, those of a double line, and
+    those of `MarkingProfile`; votes on the colour: all, for white, for yellow.
     """
 
     observations: float
-    coloured: float
-    yellowness: float
     double_stripes: float
+    visible_m: float
     seen_m: float
     painted_m: float
     bare_m: float
+    looks: float
+    white: float
+    yellow: float
 
     @property
     def colour(self) -> str | None:
-        """ "white" or "yellow"; None if not seen well enough, and without colours."""
-        if 2 * self.coloured <= self.observations:
-            return None
-        yellowness = self.yellowness / self.coloured
-        if yellowness < WHITE_TO:
+        """ "white" or "yellow", as most images show it; None if neither has most."""
+        if 2 * self.white > self.looks:
             return "white"
-        return "yellow" if yellowness > YELLOW_FROM else None
+        return "yellow" if 2 * self.yellow > self.looks else None
 
     @property
     def kind(self) -> str | None:
         """ "solid" or "dashed"; None if not seen well enough."""
         if self.painted_m >= SOLID_FROM * self.seen_m:
-            return "solid" if self.seen_m >= MIN_SOLID_M else None
+            is_long = self.seen_m >= MIN_SOLID_M
+            is_most = self.painted_m >= SOLID_VISIBLE_FROM * self.visible_m
+            return "solid" if is_long and is_most else None
         has_gaps = self.bare_m >= DASHED_FROM * self.seen_m
         return "dashed" if has_gaps and self.seen_m >= MIN_DASHED_M else None
 
@@ -295,15 +312,22 @@ class TypeVotes(NamedTuple):
 
     def add(self, profile: MarkingProfile) -> TypeVotes:
         """Add what one image shows."""
+        is_white = False
+        is_yellow = False
+        if profile.yellowness is not None:
+            is_white = profile.yellowness < WHITE_TO
+            is_yellow = profile.yellowness > YELLOW_FROM
         return TypeVotes(
             observations=KEEP * self.observations + 1,
-            coloured=KEEP * self.coloured + (profile.yellowness is not None),
-            yellowness=KEEP * self.yellowness + (profile.yellowness or 0.0),
             double_stripes=KEEP * self.double_stripes + profile.double,
+            visible_m=KEEP * self.visible_m + profile.visible_m,
             seen_m=KEEP * self.seen_m + profile.seen_m,
             painted_m=KEEP * self.painted_m + profile.painted_m,
             bare_m=KEEP * self.bare_m + profile.bare_m,
+            looks=KEEP_COLOUR * self.looks + 1,
+            white=KEEP_COLOUR * self.white + is_white,
+            yellow=KEEP_COLOUR * self.yellow + is_yellow,
         )
 
 
-NO_VOTES = TypeVotes(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_VOTES = TypeVotes(*[0.0] * 9)

@@ -31,13 +31,17 @@ SEEN = (
         0.6,
         True,
         25.0,
-        votes=TypeVotes(3.0, 3.0, 2.7, 2.0, seen_m=30.0, painted_m=30.0, bare_m=0.0),
+        votes=TypeVotes(
+            3.0, 2.0, 30.0, 30.0, 30.0, 0.0, looks=3.0, white=0.0, yellow=2.7
+        ),
     ),
     LineEvidence(
         0.3,
         True,
         30.0,
-        votes=TypeVotes(3.0, 3.0, 0.0, 0.0, seen_m=24.0, painted_m=6.0, bare_m=18.0),
+        votes=TypeVotes(
+            3.0, 0.0, 30.0, 24.0, 6.0, 18.0, looks=3.0, white=3.0, yellow=0.0
+        ),
     ),
 )
 BENT = found_lane(

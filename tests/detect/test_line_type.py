@@ -139,6 +139,31 @@ def test_colour_is_that_of_the_paint_not_of_the_light_nor_of_what_is_beside_the_
     )
 
 
+def test_white_paint_on_a_road_in_a_blue_veil_is_not_yellow():
+    """As towards the bright end of a tunnel: the road is bluer than the paint."""
+    veiled = Road(CAMERA, asphalt=(110, 125, 180)).lines(1.7, colour=(215, 225, 235))
+    profile = paint_in(veiled.image())
+    assert NO_VOTES.add(profile).colour is None
+    yellow = Road(CAMERA, asphalt=(110, 125, 180)).lines(1.7, colour=YELLOW)
+    assert NO_VOTES.add(paint_in(yellow.image())).colour == "yellow"
+
+
+def test_the_colour_is_that_of_most_images():
+    """Five images in a row of a white line in yellow light do not change its colour;
+    when no colour has most images there is none.
+    """
+    white = paint_in(drawn(colour=WHITE))
+    yellow = replace(white, yellowness=0.9)
+    either = replace(white, yellowness=0.4)
+    votes = NO_VOTES
+    for profile in [white] * 20 + [yellow] * 5:
+        votes = votes.add(profile)
+        assert votes.colour == "white"
+    for profile in [either] * 20:
+        votes = votes.add(profile)
+    assert votes.colour is None
+
+
 @pytest.mark.parametrize(("side", "y"), [(1, 1.6), (-1, -1.6)])
 def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
     paint = paint_in(
@@ -199,9 +224,36 @@ def test_dashes_show_while_driving(dash_m):
     assert set(kinds[3:]) == {"dashed"}
 
 
+@pytest.mark.parametrize(
+    ("visible_m", "kind"), [(17.0, None), (6.0, "solid")], ids=["dash", "hidden road"]
+)
+def test_one_dash_seen_again_and_again_is_no_solid_line(visible_m, kind):
+    """Nothing is seen of the gaps around it: unless no more of the line is in the
+    image, it may be dashed.
+    """
+    dash = MarkingProfile(
+        width_m=0.15,
+        centre_m=0.0,
+        gap=1.0,
+        yellowness=0.0,
+        visible_m=visible_m,
+        seen_m=5.0,
+        painted_m=5.0,
+        bare_m=0.0,
+    )
+    assert kind_of(*[dash] * 6) == kind
+
+
 def test_what_lies_farther_back_counts_less():
     yellow = MarkingProfile(
-        0.35, 0.0, gap=1.0, yellowness=0.9, seen_m=15.0, painted_m=4.0, bare_m=10.0
+        0.35,
+        0.0,
+        gap=1.0,
+        yellowness=0.9,
+        visible_m=16.0,
+        seen_m=15.0,
+        painted_m=4.0,
+        bare_m=10.0,
     )
     white = replace(yellow, width_m=0.12, yellowness=0.0, painted_m=15.0, bare_m=0.0)
     votes = NO_VOTES
