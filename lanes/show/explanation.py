@@ -155,7 +155,9 @@ class Explanation(ByValue):
             else:
                 words["not stated"] = _describe_place(self.lane.model)
             odds = _describe_log_odds(self.lane)
-            confidence = f"{self.lane.confidence:.0%}{self.lane.describe_reach()}"
+            confidence = f"{self.lane.confidence:.0%}"
+            if stated(self.lane):
+                confidence += self.lane.describe_reach()
             words["confidence"] = f"{confidence}, {odds}"
             words["weakest"], _ = _weakest_evidence(self.lane, "")
             ignored = describe_ignored(self.lane, self.fit) if self.fit else None
