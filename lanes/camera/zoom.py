@@ -237,13 +237,12 @@ def _fit_focal(boards: Sequence[Board], lens: _Lens) -> _Focal:
 
 
 def _fit_lens(boards: Sequence[Board]) -> _Lens:
-    # OpenCV's stubs do not say that None stands for no initial intrinsics
     _, matrix, distortion, *_ = cv2.calibrateCamera(
         [board.object_points for board in boards],
         [board.corners_px for board in boards],
         boards[0].size,
-        None,  # type: ignore[arg-type]
-        None,  # type: ignore[arg-type]
+        None,
+        None,
     )
     return _Lens(matrix, distortion)
 
