@@ -512,7 +512,11 @@ def usual_results(name: str) -> list:
     return results_with(RECIPES[name])
 
 
-@parametrize(("name", "setting", "value"), SETTINGS, ids=str)
+@parametrize(
+    ("name", "setting", "value"),
+    SETTINGS,
+    ids=[f"{one[0]}-{one[1]}" for one in SETTINGS],
+)
 def test_each_setting_of_a_recipe_changes_a_result(name, setting, value):
     recipe = RECIPES[name]
     other = replace(recipe, **{setting: value})
