@@ -31,7 +31,12 @@ import cv2
 import numpy as np
 
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
-from lanes.detect.markings import Markings, as_source, network_log_odds
+from lanes.detect.markings import (
+    Markings,
+    as_source,
+    crop_rows,
+    network_log_odds,
+)
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,10 @@ _COLOUR_SHARE = 0.12
 _GRAY_VARIANCE = 4.0
 # The longer side of the image in cells whose colours are compared.
 _COLOUR_CELLS = 100
+# At this distance from its centre, a mask beside our evidence has half its strength.
+_HALF_AT_M = 0.5
+# A weaker response of the band filter says nothing against paint.
+_LEAST_STRENGTH = np.float32(1.5)
 
 
 @dataclass(frozen=True, eq=False)
@@ -462,21 +471,28 @@ def find_evidence(
     with_own = source is None or source.with_own
 
     # the strengths of all sources, combined
-    strength = band.strength
+    ours = band.strength
     edges: np.ndarray | None = None
     sources: list[str] = []
     if with_own:
         sources.append("band filter")
     if with_own and not quick:
-        strength, edges = _add_network(band.strength, image, view, settings)
+        ours, edges = _add_network(band.strength, image, view, settings)
         sources.append("network")
+    strength = ours
     cell_px = 1.0
     if source is not None:
-        mask = source.find_mask(image)
-        of_mask = _mask_strength(mask, view, settings)
-        strength = np.maximum(strength, of_mask) if with_own else of_mask
         sources.append("mask")
-        if not with_own:
+        rows = source.window_rows(view.camera)
+        mask = source.find_mask(crop_rows(image, rows))
+        in_view = _mask_in_view(mask, rows, view)
+        if with_own:
+            # as in `_add_network`, a weak response says nothing
+            least = _LEAST_STRENGTH * view.seen if quick else 0
+            known = np.maximum(ours, least)
+            strength = _add_mask(known, in_view, view, settings)
+        else:
+            strength = _thinned_strength(in_view, view, settings)
             cell_px = max(view.camera.width / mask.shape[1], 1)
 
     # the stripes, at the more exact places of the band filter
@@ -541,8 +557,26 @@ def _add_network(
     log_odds = network_log_odds(image, view)
     strengths = settings.half_weight_strength * np.exp(log_odds / 2) * view.seen
     paint, edges = strengths
-    least = np.float32(1.5) * view.seen
+    least = _LEAST_STRENGTH * view.seen
     return np.sqrt(np.maximum(band_strength, least) * paint), edges
+
+
+def _add_mask(
+    ours: np.ndarray,
+    in_view: np.ndarray,
+    view: BirdsEyeView,
+    settings: PaintSettings,
+) -> np.ndarray:
+    """The strength of our evidence and of a mask in the view together.
+
+    It is the mean of the log odds of both. The mask never weakens our evidence: on
+    roads unlike those of its training a network sees nothing. The centre of a stripe is
+    its strongest place.
+    """
+    _, columns = _mass_and_centre(in_view, round(MASK_REACH_M / view.cell_m))
+    from_centre = columns * view.cell_m / _HALF_AT_M
+    of_mask = _odds_strength(in_view, settings) / (1 + from_centre**2)
+    return np.maximum(ours, np.sqrt(ours * of_mask))
 
 
 def _only_measured(
@@ -562,33 +596,57 @@ def _only_measured(
     return replace(stripes, std_m=std_m, measurable=measurable)
 
 
-def _mask_strength(
-    probability: np.ndarray, view: BirdsEyeView, settings: PaintSettings
+def _mask_in_view(
+    mask: np.ndarray, rows: tuple[int, int], view: BirdsEyeView
+) -> np.ndarray:
+    """A mask in the view: probabilities (rows, columns) float32, 0 to 1.
+
+    The mask is that of some `rows` of the image, from the first to the one below the
+    last; it is 0 elsewhere.
+    """
+    top, bottom = rows
+    resized = cv2.resize(mask, (view.camera.width, bottom - top))
+    of_image = crop_rows(resized, (-top, view.camera.height - top))
+    as_rgb = cv2.cvtColor(cv2.convertScaleAbs(of_image, alpha=255), cv2.COLOR_GRAY2RGB)
+    in_view = view.warp(as_rgb)[..., 0] / np.float32(255)
+
+    v = view.pixels[..., 1]
+    in_rows = view.seen & (v >= top) & (v <= bottom - 1)
+    return np.where(in_rows, in_view, np.float32(0))
+
+
+def _odds_strength(probability: np.ndarray, settings: PaintSettings) -> np.ndarray:
+    """Strengths whose weights (`strength_weight`) are the probabilities."""
+    limited = np.minimum(probability, _MAX_PROBABILITY)
+    return settings.half_weight_strength * np.sqrt(limited / (1 - limited))
+
+
+def _thinned_strength(
+    in_view: np.ndarray, view: BirdsEyeView, settings: PaintSettings
 ) -> np.ndarray:
     """Strengths (rows, columns) float32 of the lines of a mask in a view.
 
     A mask is wider than paint: it is thinned to parabolas, three columns wide, at the
     centres of its stripes.
     """
-    # the mask in the view, 0 to 1
-    of_image = cv2.convertScaleAbs(cv2.resize(probability, view.camera.size), alpha=255)
-    as_rgb = cv2.cvtColor(of_image, cv2.COLOR_GRAY2RGB)
-    in_view = view.warp(as_rgb)[..., 0] / np.float32(255)
-
-    # distance of the centroid from each cell, in columns
     reach = round(MASK_REACH_M / view.cell_m)
-    mass = _sum_along_rows(in_view, np.ones(2 * reach + 1))
-    moment = _sum_along_rows(in_view, np.arange(-reach, reach + 1.0))
-    columns = moment / np.maximum(mass, 1e-6)
-
+    mass, columns = _mass_and_centre(in_view, reach)
     around = np.ones((1, 2 * reach + 1))
     top = np.minimum(cv2.dilate(in_view, around), _MAX_PROBABILITY)
     is_narrow = mass < _AREA_SHARE * top * (2 * reach + 1)
     is_line = (in_view > _CENTRE_SHARE * top) & is_narrow
-    at_centre = settings.half_weight_strength * np.sqrt(top / (1 - top))
-    strength = at_centre * (1 - (columns / 3) ** 2)
+    strength = _odds_strength(top, settings) * (1 - (columns / 3) ** 2)
     kept = is_line & (np.abs(columns) <= 1.5) & view.seen
     return np.where(kept, strength, np.float32(0))
+
+
+def _mass_and_centre(in_view: np.ndarray, reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Sum of a mask over `reach` columns to both sides of each cell, and the distance
+    of its centroid there, in columns.
+    """
+    mass = _sum_along_rows(in_view, np.ones(2 * reach + 1))
+    moment = _sum_along_rows(in_view, np.arange(-reach, reach + 1.0))
+    return mass, moment / np.maximum(mass, 1e-6)
 
 
 def _sum_along_rows(cells: np.ndarray, kernel: np.ndarray) -> np.ndarray:

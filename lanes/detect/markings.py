@@ -27,6 +27,7 @@ import cv2
 import numpy as np
 import yaml
 
+from lanes.camera.model import Camera
 from lanes.detect.birdseye import BirdsEyeView, lightness, yellowness
 from lanes.errors import LaneError
 from lanes.files import parse_yaml, read_text, require_file
@@ -161,6 +162,69 @@ def _own_network() -> cv2.dnn.Net:
 MaskFunction = Callable[[np.ndarray], np.ndarray]
 
 
+# Distance of a point that is on the horizon.
+_HORIZON_M = 1e5
+# A window is used if at least this share of it lies in the image.
+_LEAST_IN_IMAGE = 0.25
+
+
+@dataclass(frozen=True)
+class TrainingWindow:
+    """The part of an image that looks like the images that a network was trained on.
+
+    It is as wide as the image, and the horizon is where it is in the training images.
+
+    Attributes
+    ----------
+    horizon : float
+        Row of the horizon in the training images, as a share of their height.
+    aspect_ratio : float
+        Width of the training images over their height.
+    """
+
+    horizon: float
+    aspect_ratio: float = 16 / 9
+
+    def rows(self, camera: Camera) -> tuple[int, int]:
+        """First row of the window in the images of a camera with a pose, and the row
+        below its last one; they may lie outside of the image.
+
+        All rows of portrait images, in which such a window shows little road, and of
+        images that the window hardly meets.
+        """
+        whole = (0, camera.height)
+        height = camera.width / self.aspect_ratio
+        horizon_px = horizon_row(camera)
+        if camera.height > camera.width or not np.isfinite(horizon_px):
+            return whole
+
+        top = round(horizon_px - self.horizon * height)
+        bottom = top + round(height)
+        in_image = min(bottom, camera.height) - max(top, 0)
+        return (top, bottom) if in_image > _LEAST_IN_IMAGE * height else whole
+
+
+def horizon_row(camera: Camera) -> float:
+    """Row of the horizon straight ahead in the raw images of a camera with a pose.
+
+    NaN beyond the range of the lens model.
+    """
+    pixels = camera.road_to_pixels(np.array([[_HORIZON_M, 0.0]]))
+    return float(pixels[0, 1])
+
+
+def crop_rows(image: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
+    """The image from one row to another; outside of it the nearest row is repeated."""
+    top, bottom = rows
+    height = len(image)
+    inside = image[max(top, 0) : bottom]
+    above = max(-top, 0)
+    below = max(bottom - height, 0)
+    if not above and not below:
+        return inside
+    return cv2.copyMakeBorder(inside, above, below, 0, 0, cv2.BORDER_REPLICATE)
+
+
 @dataclass(frozen=True)
 class MarkingSource:
     """A function that finds lane markings, and how its mask is used.
@@ -168,17 +232,20 @@ class MarkingSource:
     Attributes
     ----------
     function : callable
-        From a raw RGB image (height, width, 3), uint8, to a mask (rows, columns) of
-        probabilities, 0 to 1, of the whole image, at any resolution.
+        From an RGB image (height, width, 3), uint8, to a mask (rows, columns) of
+        probabilities, 0 to 1, of all of it, at any resolution.
     with_own : bool
         Whether the mask joins our evidence instead of replacing it.
     confidence_shift : float
         Added to the log odds of the confidence of lanes found with it.
+    window : TrainingWindow, optional
+        The part of each raw image that the function gets; by default all of it.
     """
 
     function: MaskFunction
     with_own: bool = False
     confidence_shift: float = 0.0
+    window: TrainingWindow | None = None
 
     def __str__(self) -> str:
         return f"{self._name}{',own' if self.with_own else ''}"
@@ -189,8 +256,17 @@ class MarkingSource:
             return str(self.function.file)
         return getattr(self.function, "__name__", str(self.function))
 
+    def window_rows(self, camera: Camera) -> tuple[int, int]:
+        """First row of the window in the images of a camera with a pose, and the row
+        below its last one; without a window those of the image.
+        """
+        return self.window.rows(camera) if self.window else (0, camera.height)
+
     def find_mask(self, image: np.ndarray) -> np.ndarray:
-        """The mask (rows, columns) float32 of an image; LaneError if it is no mask."""
+        """The mask (rows, columns) float32 of an image or of its window.
+
+        Raises LaneError if it is no mask.
+        """
         mask = np.asarray(self.function(image), np.float32)
         _require_probabilities(mask, self._name)
         if not isinstance(self.function, OnnxNetwork):
@@ -262,6 +338,7 @@ class NetworkSettings:
     mean: float | Sequence[float] = 0.0
     scale: float | Sequence[float] = 1 / 255
     confidence_shift: float = 0.0
+    horizon: float | None = None
 
     def __post_init__(self) -> None:
         for size in self.input_size:
@@ -272,6 +349,18 @@ class NetworkSettings:
             raise ValueError("values are logits or probabilities")
         if self.colour_order not in ("RGB", "BGR"):
             raise ValueError("colour_order is RGB or BGR")
+        if self.horizon is not None and not 0 < self.horizon < 1:
+            raise ValueError(
+                "horizon is a share of the height of the training images, 0 to 1"
+            )
+
+    @property
+    def window(self) -> TrainingWindow | None:
+        """The window with the aspect ratio of the input, if a horizon is given."""
+        if self.horizon is None:
+            return None
+        width, height = self.input_size
+        return TrainingWindow(float(self.horizon), width / height)
 
 
 @dataclass(frozen=True)
@@ -383,7 +472,12 @@ def load_markings(name: str | Path) -> MarkingSource:
         settings = _read_settings(path)
         network = OnnxNetwork(file, read_onnx(file)[1], settings)
         _require_fit(network)
-        source = MarkingSource(network, with_own, float(settings.confidence_shift))
+        source = MarkingSource(
+            network,
+            with_own=with_own,
+            confidence_shift=float(settings.confidence_shift),
+            window=settings.window,
+        )
         source.find_mask(np.zeros((8, 8, 3), np.uint8))
     except Exception as error:  # the libraries raise many types
         reason = " ".join(str(getattr(error, "err", error)).split()).rstrip(".")

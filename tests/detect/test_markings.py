@@ -12,8 +12,16 @@ import pytest
 
 import lanes
 from lanes.annotation import DriveSettings
+from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import SURE_CONFIDENCE
-from lanes.detect.markings import MarkingSource, load_markings
+from lanes.detect.evidence import PAINT, Evidence, Stripes, find_evidence
+from lanes.detect.markings import (
+    MarkingSource,
+    TrainingWindow,
+    crop_rows,
+    horizon_row,
+    load_markings,
+)
 from lanes.detect.search import detect_still
 from lanes.errors import LaneError
 from lanes.files import read_telemetry
@@ -27,6 +35,7 @@ from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, s_bend
 from tests.support.painted_roads import ASPHALT, Arc, Road, bushes, dashcam
 
 CAMERA = dashcam()
+VIEW = BirdsEyeView(CAMERA)
 LEFT_M = 1.8
 RIGHT_M = -1.7
 AHEAD_M = np.array([6.0, 10.0, 15.0, 20.0, 30.0])
@@ -146,6 +155,129 @@ class TestMaskWithoutMarkings:
 
 def no_markings(_: np.ndarray) -> np.ndarray:
     return np.zeros((9, 16))
+
+
+# Joined masks: the mean of the log odds.
+
+
+class TestJoinedMask:
+    @pytest.fixture(scope="class")
+    @classmethod
+    def road(cls) -> Road:
+        return Road(CAMERA).lines(LEFT_M, RIGHT_M)
+
+    def joined(self, road: Road, mask: np.ndarray, quick: bool = False) -> Evidence:
+        source = MarkingSource(lambda _: mask, with_own=True)
+        return find_evidence(road.image(), VIEW, markings=source, quick=quick)
+
+    @pytest.mark.parametrize("quick", [False, True])
+    def test_has_the_mean_of_the_log_odds(self, road, quick):
+        own = find_evidence(road.image(), VIEW, quick=quick).response.strength
+        even = np.full((360, 640), 0.95)
+        found = self.joined(road, even, quick).response.strength
+        of_mask = PAINT.half_weight_strength * np.sqrt(0.95 / 0.05)
+        # away from the border of the mask, whose centre is not there
+        inside = VIEW.seen & (np.abs(VIEW.y_m) < 2) & (VIEW.x_m[:, None] > 10)
+        weaker = inside & (own > 3) & (own < of_mask)
+        expected = np.sqrt(own * of_mask)[weaker]
+        np.testing.assert_allclose(found[weaker], expected, rtol=0.03)
+
+    def test_gives_what_both_show_more_weight(self):
+        faint = Road(CAMERA, noise=5.0)
+        faint = faint.lines(LEFT_M, RIGHT_M, colour=tuple(np.add(ASPHALT, 8)))
+        own = find_evidence(faint.image(), VIEW).stripes
+        joined = self.joined(faint, wide_mask(faint)).stripes
+        assert paint_weight(joined, LEFT_M) > paint_weight(own, LEFT_M) + 0.05
+
+    def test_never_takes_weight_from_paint(self, road):
+        own = find_evidence(road.image(), VIEW).stripes
+        stripes = self.joined(road, wide_mask(road, left_m=1.0)).stripes
+        assert 0 < paint_weight(stripes, LEFT_M + 1.0) < paint_weight(stripes, LEFT_M)
+        weight = paint_weight(own, LEFT_M)
+        assert paint_weight(stripes, LEFT_M) == pytest.approx(weight, abs=0.02)
+
+
+def paint_weight(stripes: Stripes, y_m: float) -> float:
+    """Median weight of the painted stripes near a line; 0 without any."""
+    near = ~stripes.edge & (np.abs(stripes.y_m - y_m) < 0.15) & (stripes.x_m < 20)
+    return float(np.median(stripes.weight[near])) if near.any() else 0.0
+
+
+# Windows.
+
+
+class TestTrainingWindow:
+    @pytest.mark.parametrize(
+        ("size", "pitch_deg"), [((640, 360), 0.0), ((640, 480), 6.0), ((640, 180), -3)]
+    )
+    def test_has_the_horizon_of_the_training_images(self, size, pitch_deg):
+        camera = looking(size, pitch_deg)
+        top, bottom = TrainingWindow(0.4).rows(camera)
+        assert bottom - top == 360
+        horizon = (horizon_row(camera) - top) / 360
+        assert horizon == pytest.approx(0.4, abs=0.002)
+
+    @pytest.mark.parametrize(
+        ("size", "pitch_deg"), [((360, 640), 0.0), ((640, 360), 40.0)]
+    )
+    def test_is_the_whole_image(self, size, pitch_deg):
+        """In portrait, and if the horizon is far outside of the image."""
+        assert TrainingWindow(0.4).rows(looking(size, pitch_deg)) == (0, size[1])
+
+    def test_is_what_the_function_gets(self):
+        camera = looking((640, 480), 2.0)
+        seen = []
+
+        def markings(image: np.ndarray) -> np.ndarray:
+            seen.append(image.shape)
+            return np.zeros((9, 16))
+
+        source = MarkingSource(markings, window=TrainingWindow(0.45))
+        lanes.find_lane(np.zeros((480, 640, 3), np.uint8), camera, markings=source)
+        assert seen == [(360, 640, 3)]
+
+    @pytest.mark.parametrize("pitch_deg", [-5.0, 0.0, 5.0])
+    def test_its_mask_is_where_the_image_is(self, pitch_deg):
+        camera = looking((640, 480), pitch_deg)
+        road = Road(camera)
+        mask = wide_mask(road)
+        window = TrainingWindow(0.45)
+        of_window = crop_rows(mask, window.rows(camera))
+        source = MarkingSource(lambda _: of_window, window=window)
+        lane = lanes.find_lane(road.image(), camera, markings=source)
+        assert largest_error_m(lane, Arc()) < 0.05
+
+    def test_leaves_our_evidence_beyond_it(self):
+        camera = looking((640, 640), 0.0)
+        image = Road(camera).lines(LEFT_M, RIGHT_M).image()
+        view = BirdsEyeView(camera)
+        window = TrainingWindow(0.9)
+        source = MarkingSource(no_markings, with_own=True, window=window)
+        own = find_evidence(image, view).response.strength
+        joined = find_evidence(image, view, markings=source).response.strength
+        beyond = view.pixels[..., 1] > window.rows(camera)[1]
+        assert beyond.any()
+        np.testing.assert_array_equal(joined[beyond], own[beyond])
+
+
+def looking(size: tuple[int, int], pitch_deg: float) -> lanes.Camera:
+    """A camera of this size with a pitch, degrees, positive down."""
+    pose = replace(CAMERA.pose, pitch_rad=np.radians(pitch_deg))
+    return lanes.Camera.from_fov(size, hfov_deg=60, pose=pose)
+
+
+@pytest.mark.parametrize("horizon", [0, 1.2, "high"])
+def test_a_horizon_outside_of_the_training_images_is_refused(tmp_path, horizon):
+    entries = LOGITS | {"horizon": horizon}
+    file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, entries)
+    with pytest.raises(LaneError, match="m.yaml: cannot be used"):
+        load_markings(file)
+
+
+def test_the_window_of_a_network_has_the_aspect_ratio_of_its_input(tmp_path):
+    entries = LOGITS | {"input_size": [640, 320], "horizon": 0.45}
+    file = write_model(tmp_path / "m.onnx", {"lines": threshold()}, entries)
+    assert load_markings(file).window == TrainingWindow(0.45, 2.0)
 
 
 @pytest.mark.parametrize(
