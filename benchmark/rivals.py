@@ -37,7 +37,11 @@ from lanes.detect.markings import (
     load_markings,
 )
 from lanes.labels import EGO_SIDES, NO_POINT, LaneColumns
-from lanes.pose.estimate import PoseEstimate, detect_in_drive, ensure_pose
+from lanes.pose.estimate import (
+    PoseEstimate,
+    detect_in_drive,
+    estimate_pose,
+)
 from lanes.score import StillScore, reliability, score_still, summarize
 from lanes.video.images import opencv_threads, read_image
 from simulator.processes import run_all
@@ -122,12 +126,10 @@ def start_engine(
     """Our engine with the pose of the set, or with one estimated from each image."""
 
     def find(image: np.ndarray, rows: np.ndarray) -> tuple[np.ndarray, float]:
-        used_camera = camera
-        used_pose: PoseEstimate | None = pose
+        used = pose
         if own_pose:
-            lens = replace(camera, pose=None)
-            used_camera, used_pose = ensure_pose(lens, image, markings=markings)
-        found, _ = detect_in_drive(image, used_camera, used_pose, markings)
+            used = estimate_pose(image, camera, markings=markings)
+        found, _ = detect_in_drive(image, used.camera, used, markings)
         if found.lane is None:
             return np.full((2, len(rows)), float(NO_POINT)), 0.0
         return found.lane.columns(found.camera, rows), found.lane.confidence
@@ -143,16 +145,18 @@ def list_rivals(network: MarkingSource | None = None) -> dict[str, Start]:
     }
     for system in RECIPE_SYSTEMS:
         rivals[system] = partial(start_recipe, system=system)
+    looks: dict[str, MarkingSource] = {}
     if network:
         name = Path(str(network)).name
-        whole = replace(network, window=None)
-        rivals[f"{name}, whole image"] = partial(start_network, source=whole)
+        looks[f"{name}, whole image"] = replace(network, window=None)
         if network.window:
-            rivals[f"{name}, window"] = partial(start_network, source=network)
+            looks[f"{name}, window"] = network
+    for name, source in looks.items():
+        rivals[name] = partial(start_network, source=source)
     rivals["ours, own pose"] = partial(start_engine, own_pose=True)
     rivals["ours, pose of the set"] = start_engine
-    if network:
-        joined = replace(network, with_own=True)
+    for name, source in looks.items():
+        joined = replace(source, with_own=True)
         rivals[f"ours with {name}"] = partial(start_engine, markings=joined)
     return rivals
 
@@ -168,14 +172,13 @@ def pose_of_set(roads: RoadSet) -> PosedSet:
     sizes = {file: read_image(file).shape[1::-1] for file in roads.stills()}
     [(size, _)] = Counter(sizes.values()).most_common(1)
     files = [file for file, found in sizes.items() if found == size]
-    lens = roads.lens or Camera.from_fov(
-        size, hfov_deg=find_field_of_view(files[:1]).across(size)
-    )
-    camera, pose = ensure_pose(lens, files)
-    labels = [
-        label for label in roads.labels if sizes[roads.folder / label.name] == size
-    ]
-    return PosedSet(replace(roads, labels=labels), camera, pose)
+    hfov_deg = find_field_of_view(files[:1]).across(size)
+    pose = estimate_pose(files, roads.lens or Camera.from_fov(size, hfov_deg))
+    labels = []
+    for label in roads.labels:
+        if sizes[roads.folder / label.name] == size:
+            labels.append(label)
+    return PosedSet(replace(roads, labels=labels), pose.camera, pose)
 
 
 def measure(start: Start, sets: Sequence[PosedSet]) -> Measured:

@@ -21,6 +21,8 @@ MAX_LEAN = 2.0
 
 # A line of a mask has its points within this share of the width.
 NEAR_LINE = 0.03
+# Fewer points are no line.
+MIN_POINTS = 5
 # Of two segments of a mask, the one that is nearer to the centre by this share of the
 # width counts e times as much.
 NEARER = 0.15
@@ -62,9 +64,11 @@ def _road_edges(image: np.ndarray, top: int) -> np.ndarray:
     gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     edges = cv2.Canny(cv2.GaussianBlur(gray, (5, 5), 0), 50, 150)
     height, width = gray.shape
-    corners = [(0, height), (0.47 * width, top), (0.53 * width, top), (width, height)]
+    left_top = (0.47 * width, top)
+    right_top = (0.53 * width, top)
+    corners = np.array([(0, height), left_top, right_top, (width, height)])
     road = np.zeros_like(edges)
-    cv2.fillPoly(road, [np.int32(corners)], 255)
+    cv2.fillPoly(road, [corners.astype(np.int32)], 255)
     return cv2.bitwise_and(edges, road)
 
 
@@ -123,18 +127,30 @@ def mask_columns(
 
     columns = np.full((2, len(rows)), float(NO_POINT))
     for side, sign in enumerate((-1, 1)):
-        line = _first_line(segments, sign, mask.shape)
-        end = np.inf
-        for _ in range(3 if line is not None else 0):
-            near = np.abs(x - np.polyval(line, y)) < NEAR_LINE * mask_width
-            if near.sum() < 5:
-                break
-            end = y[near].min()
-            line = np.polyfit(y[near], x[near], 2)
-        if line is not None:
+        first = _first_line(segments, sign, mask.shape)
+        if first is not None:
+            line, end = _fit_parabola(first, x, y, NEAR_LINE * mask_width)
             found = np.polyval(line, mask_rows) * width / mask_width
             columns[side] = np.where(mask_rows >= end, found, NO_POINT)
     return _inside(columns, width)
+
+
+def _fit_parabola(
+    line: np.ndarray, x: np.ndarray, y: np.ndarray, near_px: float
+) -> tuple[np.ndarray, float]:
+    """Coefficients of a parabola x(y) through the points near a first line, and its
+    upper end.
+
+    The end is infinite if there are too few points.
+    """
+    end = np.inf
+    for _ in range(3):
+        near = np.abs(x - np.polyval(line, y)) < near_px
+        if near.sum() < MIN_POINTS:
+            break
+        end = float(y[near].min())
+        line = np.polyfit(y[near], x[near], 2)
+    return line, end
 
 
 def stripe_centres(binary: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -114,7 +114,7 @@ def test_the_command_prints_a_row_for_each_rival(folder, monkeypatch, capsys):
 
     assert {"Hough lines", "hls_sobel", "hls_sobel_pose", "ours, own pose"} <= set(rows)
     assert {"net.onnx, whole image", "net.onnx, window"} <= set(rows)
-    for name in ("ours, pose of the set", "ours with net.onnx"):
+    for name in ("ours, pose of the set", "ours with net.onnx, window"):
         assert rows[name][0] == "1.000"
         assert "3 of 3" in " ".join(rows[name])
 
