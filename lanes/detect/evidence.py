@@ -5,8 +5,8 @@ Each source states for each cell how much it looks like paint: the band filter, 
 network and the mask of a foreign network (`lanes.detect.markings`). Their strengths
 have one scale, the root of the odds of paint. Band filter and network fail in different
 places; their combined strength has the mean of their log odds. A foreign mask takes
-their place or joins them. The network also states where the road ends. The peaks of
-each row are the stripe candidates.
+their place, or joins them in the same way. The network also states where the road
+ends. The peaks of each row are the stripe candidates.
 
 A stripe is brighter (or yellower) than the road on *both* its sides, and about 0.1 to
 0.2 m wide, or 0.3 to 0.4 m where two stripes run side by side. The band filter measures
@@ -487,10 +487,10 @@ def find_evidence(
         mask = source.find_mask(crop_rows(image, rows))
         in_view = _mask_in_view(mask, rows, view)
         if with_own:
-            # as in `_add_network`, a weak response says nothing
-            least = _LEAST_STRENGTH * view.seen if quick else 0
-            known = np.maximum(ours, least)
-            strength = _add_mask(known, in_view, view, settings)
+            if quick:
+                # as in `_add_network`, a weak response says nothing
+                ours = np.maximum(ours, _LEAST_STRENGTH * view.seen)
+            strength = _add_mask(ours, in_view, view, settings)
         else:
             strength = _thinned_strength(in_view, view, settings)
             cell_px = max(view.camera.width / mask.shape[1], 1)
