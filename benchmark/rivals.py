@@ -226,8 +226,11 @@ def describe_rivals(measured: dict[str, Measured], halves: Sequence[str]) -> str
     """The table; `halves` are those of the sets, A or B."""
     rows = {}
     for name, of_rival in measured.items():
-        points = [summarize(scores)["ego accuracy"] for scores in of_rival.scores]
-        every = [score for scores in of_rival.scores for score in scores]
+        points = []
+        every: list[StillScore] = []
+        for scores in of_rival.scores:
+            points.append(summarize(scores)["ego accuracy"])
+            every += scores
         right = [score.right for score in every if score.right is not None]
         sure = reliability(every)["0.9 or more"]
         cells = [f"{np.mean(points):.3f}"]

@@ -27,7 +27,7 @@ SIDES_M = (1.8, -1.7)
 
 def true_columns(arc: Arc, camera: Camera = CAMERA) -> np.ndarray:
     """Columns (2, R) of both lines at ROWS."""
-    x_m = np.geomspace(3, 300, 2000)
+    x_m = np.geomspace(3, 140, 2000)
     columns = []
     for side_m in SIDES_M:
         points = np.column_stack([x_m, arc.lateral_m(side_m, x_m)])
