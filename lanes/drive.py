@@ -24,7 +24,7 @@ from lanes.annotation import Annotation, DriveSettings, require_options
 from lanes.camera.field_of_view import find_field_of_view
 from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.describe import describe_offset
-from lanes.detect.lane import POSE_NAMES, Lane
+from lanes.detect.lane import FROZEN, POSE_NAMES, Lane
 from lanes.detect.markings import Markings
 from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, field_for, pose_for
@@ -326,6 +326,7 @@ def make_tracker(
         settings=settings,
         markings=markings,
         confidence_shift=drive.confidence_shift,
+        lane_width_m=drive.lane_width_m,
     )
 
 
@@ -430,9 +431,23 @@ def _find_warnings(
     if info.mirrored:
         found.append(MIRRORED_WORDS)
     found.append(info.note)
+    found.append(_describe_frozen(telemetry))
     if settings.camera_offset_m is None and not camera.offset_m:
         found.append(describe_crossings(telemetry, camera.car_width_m))
     return [words for words in found if words]
+
+
+def _describe_frozen(telemetry: Telemetry) -> str | None:
+    """When the camera repeated an image; None if it did not."""
+    is_frozen = (telemetry["state"] == FROZEN).astype(int)
+    begins = np.flatnonzero(np.diff(is_frozen, prepend=0) == 1)
+    if not begins.size:
+        return None
+    times = ", ".join(f"{telemetry['time_s'][k]:.1f} s" for k in begins[:5])
+    return (
+        f"the picture stands still at {times}: the camera repeats an image, and the "
+        "lane is only predicted"
+    )
 
 
 def _find_other_poses(telemetry: Telemetry, first: CameraPose) -> list[tuple[int, str]]:

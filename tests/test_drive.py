@@ -546,6 +546,15 @@ def test_frames_without_a_lane_are_counted_as_lost(unlikely):
     assert f"lost for {lost_s:.1f} s" in unlikely.description
 
 
+def test_a_picture_that_stands_still_is_stated(tmp_path):
+    numbers = [min(number, 9) for number in range(40)]
+    frames = (BENDS.frame(number / 25) for number in numbers)
+    path = record(tmp_path / "hanging.mp4", frames, np.arange(40) / 25, fps=25)
+    (result,) = quietly(path, tmp_path / "out", report=False)
+    assert "frozen" in result.telemetry["state"]
+    assert "the picture stands still at 1." in result.description
+
+
 @pytest.mark.parametrize("tracks", [1, 2])
 def test_lost_sound_is_stated(tmp_path, tracks):
     """That of the first track."""

@@ -17,6 +17,7 @@ import numpy as np
 from lanes.detect.road import (
     HEADING,
     WIDTH,
+    UsualWidth,
     lateral_std_m,
     max_curvature,
     max_vertical_curvature,
@@ -48,14 +49,14 @@ MIN_NEAR_STD_M = 0.1
 # is no more certain.
 MIN_SUPPORT = 0.03
 GOOD_SUPPORT = 0.4
-# Usual width of lanes, and its standard deviation; that of a lane with its own pose,
-# whose height is uncertain, too.
+# Usual width of lanes.
 USUAL_WIDTH_M = 3.5
-WIDTH_STD_M = 0.3
-OWN_POSE_WIDTH_STD_M = 0.9
+# Widths of lanes; those of a lane with its own pose, whose height is uncertain, too.
+ROAD_WIDTH = UsualWidth(USUAL_WIDTH_M, 0.3, max_stds=float("inf"))
+OWN_POSE_WIDTH = UsualWidth(USUAL_WIDTH_M, 0.9, max_stds=float("inf"))
 
 
-def lane_features(
+def lane_features(  # noqa: PLR0913 (called by name)
     model: np.ndarray,
     fit_covariance: np.ndarray,
     curvature_per_m: float,
@@ -65,6 +66,7 @@ def lane_features(
     same_lane_share: float | None,
     far_lines: int,
     camera_yaw_rad: float | None,
+    usual_width: UsualWidth = ROAD_WIDTH,
 ) -> dict[str, float]:
     """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits
     carry no further information.
@@ -73,8 +75,8 @@ def lane_features(
     rest is that of a `Lane`.
     """
     has_own_pose = same_lane_share is not None
-    width_std_m = OWN_POSE_WIDTH_STD_M if has_own_pose else WIDTH_STD_M
-    from_usual = (float(model[WIDTH]) - USUAL_WIDTH_M) / width_std_m
+    if has_own_pose:
+        usual_width = OWN_POSE_WIDTH
     near_std_m = float(lateral_std_m(fit_covariance, 15.0).max())
     support = min(*supports, GOOD_SUPPORT)
 
@@ -95,7 +97,7 @@ def lane_features(
         "between": float(np.log(clear_share)),
         # A crack or kerb taken for a line is seldom a lane's width away from the other
         # line.
-        "odd width": from_usual**2,
+        "odd width": usual_width.squared_distance(float(model[WIDTH])),
         # Share of the camera poses tried that do not show this lane: the image allows
         # several.
         "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,

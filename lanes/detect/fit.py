@@ -19,7 +19,15 @@ import numpy as np
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import Stripes
 from lanes.detect.residuals import StripeResiduals, intersect_ground, stripe_residuals
-from lanes.detect.road import PARAMETERS, SIDES, RoadPrior, is_ego_lane, lines_on_view
+from lanes.detect.road import (
+    PARAMETERS,
+    SIDES,
+    WIDTH,
+    RoadPrior,
+    UsualWidth,
+    is_ego_lane,
+    lines_on_view,
+)
 
 # Steps of a fit: (far_m, scale) uses the stripes nearer than `far_m`, with standard
 # deviations times `scale`.
@@ -245,13 +253,14 @@ def fit_starts(
     stripes: Stripes,
     view: BirdsEyeView,
     settings: FitSettings,
+    usual_width: UsualWidth | None = None,
 ) -> tuple[Fit, Fit]:
     """Fit start hypotheses (K, 15) to the near stripes, and the best to all: both fits.
 
     The second is that of one lane, the best of three. The best lane has the largest sum
-    of the square roots of its lines' supports; lanes that the car is not in come last.
-    If it leaves many stripes nearby unexplained, it is also fitted as a road that
-    undulates.
+    of the square roots of its lines' supports, less the cost of a width that is odd in
+    the drive, if `usual_width` is known; lanes that the car is not in come last. If it
+    leaves many stripes nearby unexplained, it is also fitted as a road that undulates.
     """
     # all hypotheses near the car
     near = fit_lanes(
@@ -262,11 +271,14 @@ def fit_starts(
         schedule=settings.start,
     )
     marked = (near.weight[:, None] * near.on_line).sum(-1)
-    order = _best_first(near.lanes, np.sqrt(marked).sum(-1))
+    near_rows = int((view.x_m < settings.start[-1][0]).sum())
+    cost = np.sqrt(near_rows) * _width_costs(near.lanes, usual_width)
+    order = _best_first(near.lanes, np.sqrt(marked).sum(-1) - cost)
 
     # the best three outwards
     fits = fit_lanes(near.lanes[order[:3]], stripes, view, settings)
-    best = _best_first(fits.lanes, np.sqrt(fits.support).sum(1))[:1]
+    scores = np.sqrt(fits.support).sum(1) - _width_costs(fits.lanes, usual_width)
+    best = _best_first(fits.lanes, scores)[:1]
     residuals = stripe_residuals(fits.lanes[best], stripes, view.height_m)
     fit = Fit(
         lanes=fits.lanes[best],
@@ -290,6 +302,13 @@ def fit_starts(
     )
     gain = undulating.explained[0] - fit.explained[0]
     return near, undulating if gain > settings.undulation_gain else fit
+
+
+def _width_costs(lanes: np.ndarray, usual: UsualWidth | None) -> np.ndarray:
+    """(K,) costs of widths of lanes (K, 15) that are odd in a drive."""
+    if usual is None:
+        return np.zeros(len(lanes))
+    return usual.cost(lanes[:, WIDTH])
 
 
 def _best_first(lanes: np.ndarray, scores: np.ndarray) -> np.ndarray:

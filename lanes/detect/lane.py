@@ -20,6 +20,7 @@ from lanes.detect.confidence import (
     CORRECT_WITHIN_M,
     LEAST_CONFIDENCE,
     LIKELY_CONFIDENCE,
+    ROAD_WIDTH,
     WEIGHTS,
     error_variance_factor,
     lane_features,
@@ -35,6 +36,7 @@ from lanes.detect.road import (
     SIDES,
     VERTICAL_CURVATURE,
     WIDTH,
+    UsualWidth,
     adjacent_lane_matrix,
     lateral_std_m,
     line_coefficients,
@@ -47,11 +49,12 @@ from lanes.detect.road import (
 from lanes.equality import ByValue
 
 # States of a lane: detected in a single image; tracked, but not yet confirmed; tracked;
-# predicted while not seen.
+# predicted while not seen; predicted while the camera repeats an image.
 FOUND = "found"
 SEARCHING = "searching"
 TRACKING = "tracking"
 COASTING = "coasting"
+FROZEN = "frozen"
 # Columns of the telemetry of a lane, in order.
 TELEMETRY_COLUMNS = (
     "state",
@@ -321,7 +324,7 @@ class Lane(ByValue):
     state : str
         "found": detected in a single image; "searching": tracked, not yet confirmed;
         "tracking"; "coasting": not seen now and predicted from before, or seen again in
-        only a few frames.
+        only a few frames; "frozen": predicted, because the picture stands still.
     model : ndarray (15,)
         Parameters as in `lanes.detect.road`, for the stripes next to the lane.
     centres : ndarray (15,)
@@ -357,6 +360,9 @@ class Lane(ByValue):
     camera : Camera or None
         The camera with the pose that the lane was found with; the lines are relative to
         it.
+    usual_width : UsualWidth
+        Mean and standard deviation of lane widths; of a tracked lane those of its
+        drive.
     """
 
     model: np.ndarray
@@ -373,6 +379,7 @@ class Lane(ByValue):
     far_evidence: FarEvidence = (None, None)
     confidence_shift: float = 0.0
     camera: Camera | None = field(default=None, repr=False)
+    usual_width: UsualWidth = field(default=ROAD_WIDTH, repr=False)
 
     @property
     def tracked(self) -> bool:
@@ -423,6 +430,7 @@ class Lane(ByValue):
             same_lane_share=self.same_lane_share,
             far_lines=len(far_seen),
             camera_yaw_rad=self.camera_yaw_rad,
+            usual_width=self.usual_width,
         )
 
     @property
@@ -563,7 +571,7 @@ class Lane(ByValue):
         none. A tracker sees them in its searches, once a second; in between `reach_m`
         is the end that was seen last. Type and support are those of one image.
         """
-        if self.state == COASTING or self.confidence < LIKELY_CONFIDENCE:
+        if self.state in (COASTING, FROZEN) or self.confidence < LIKELY_CONFIDENCE:
             return None, None
         left, right = self.far_evidence
         return self._far_line(LEFT_SIDE, left), self._far_line(RIGHT_SIDE, right)

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -437,6 +437,31 @@ def line_coefficients(
     c2 = line_curvature / cos**3
     c3 = line_rate / cos**4 + 3 * line_curvature**2 * sin / cos**5
     return float(c0), float(c1), float(c2), float(c3)
+
+
+# An odd width counts as this number of standard deviations at most where a drive tells
+# the usual one: the road may have changed.
+MAX_WIDTH_STDS = 3.0
+# Cost of one squared standard deviation, relative to the square root of a line's
+# support: that of the prior in the votes.
+WIDTH_COST = 0.05
+
+
+class UsualWidth(NamedTuple):
+    """Mean and standard deviation of lane widths, of all roads or of a drive."""
+
+    mean_m: float
+    std_m: float
+    max_stds: float = MAX_WIDTH_STDS
+
+    def squared_distance(self, width_m: float | np.ndarray) -> Any:
+        """Squared distances of widths in standard deviations, limited."""
+        from_mean = (width_m - self.mean_m) / self.std_m
+        return np.minimum(from_mean**2, self.max_stds**2)
+
+    def cost(self, width_m: np.ndarray) -> np.ndarray:
+        """Costs of widths in the choice of a lane."""
+        return WIDTH_COST * self.squared_distance(width_m)
 
 
 # Mean, standard deviation, and limit of the absolute value.

@@ -50,6 +50,7 @@ from lanes.detect.road import (
     SIDES,
     WIDTH,
     RoadPrior,
+    UsualWidth,
     adjacent_lane_matrix,
     is_ego_lane,
     parameter_vector,
@@ -109,6 +110,7 @@ def vote_lanes(
     view: BirdsEyeView,
     prior: RoadPrior,
     settings: VoteSettings,
+    usual_width: UsualWidth | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """The vote table (hypotheses, bins), and the lanes (K, 15) that it suggests.
 
@@ -116,7 +118,7 @@ def vote_lanes(
     """
     votes = count_votes(stripes, view.height_m, settings)
     rows = int((view.x_m < settings.far_m).sum())
-    return votes, best_pairs(votes, rows, prior, settings)
+    return votes, best_pairs(votes, rows, prior, settings, usual_width)
 
 
 def count_votes(
@@ -208,7 +210,11 @@ def sums_of_products(
 
 
 def best_pairs(
-    votes: np.ndarray, rows: int, prior: RoadPrior, settings: VoteSettings
+    votes: np.ndarray,
+    rows: int,
+    prior: RoadPrior,
+    settings: VoteSettings,
+    usual_width: UsualWidth | None = None,
 ) -> np.ndarray:
     """At most `settings.lanes` lanes (K, 15), best first, from pairs of lines in the
     votes.
@@ -237,6 +243,8 @@ def best_pairs(
     pair_distance = from_width**2 + from_centre**2
     score = support[:, left, None] + support[:, None, right]
     score -= (settings.prior_weight * pair_distance).astype(np.float32)
+    if usual_width:
+        score -= usual_width.cost(width).astype(np.float32)
 
     # the best pair of each hypothesis
     score = score.reshape(len(hypothesis), -1)
@@ -342,15 +350,24 @@ class StillDetection:
         return self.lane.confidence if self.lane else 0.0
 
 
-def search_lane(evidence: Evidence, settings: DetectorSettings) -> StillDetection:
-    """Search the ego lane in the evidence of one image."""
+def search_lane(
+    evidence: Evidence,
+    settings: DetectorSettings,
+    usual_width: UsualWidth | None = None,
+) -> StillDetection:
+    """Search the ego lane in the evidence of one image.
+
+    `usual_width` is that of the drive, if it is known.
+    """
     stripes = evidence.stripes
     if not len(near_stripes(stripes, settings.fit)):
         return StillDetection(evidence, settings)
     votes, starts = vote_lanes(
-        stripes, evidence.view, settings.fit.prior, settings.votes
+        stripes, evidence.view, settings.fit.prior, settings.votes, usual_width
     )
-    near, fit = fit_starts(starts, stripes, evidence.view, settings.fit)
+    near, fit = fit_starts(
+        starts, stripes, evidence.view, settings.fit, usual_width=usual_width
+    )
     search = Search(votes, near, fit)
     if not fit.seen[0]:
         return StillDetection(evidence, settings, search)

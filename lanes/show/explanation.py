@@ -24,8 +24,7 @@ from lanes.detect.birdseye import lightness
 from lanes.detect.confidence import (
     LEAST_CONFIDENCE,
     LIKELY_CONFIDENCE,
-    USUAL_WIDTH_M,
-    WIDTH_STD_M,
+    ROAD_WIDTH,
     log_odds_losses,
 )
 from lanes.detect.evidence import Evidence, strength_weight
@@ -653,8 +652,8 @@ def _describe_other_lanes(lane: Lane) -> tuple[str, str]:
 def _describe_odd_width(lane: Lane, pose_advice: str) -> tuple[str, str]:
     return (
         f"the lane width of {lane.width_m:.1f} m is implausible (usual: "
-        f"{USUAL_WIDTH_M} m): one of the lines may be a kerb, a crack or a line of "
-        "another lane, or the road is unusual.",
+        f"{lane.usual_width.mean_m:.1f} m): one of the lines may be a kerb, a crack or "
+        "a line of another lane, or the road is unusual.",
         "Check in the panel with the fit which line lies on paint. If all lanes are "
         f"like this: {pose_advice}",
     )
@@ -718,11 +717,12 @@ def _why_ignored(lane: Lane, ignored_m: float) -> str:
     if ignored_m > 0:
         chosen, other = (lane.left, lane.right)
     width_m = abs(ignored_m - other.offset_m)
-    unusual_m = abs(width_m - USUAL_WIDTH_M)
-    if unusual_m < abs(lane.width_m - USUAL_WIDTH_M) + WIDTH_STD_M:
+    usual_m = lane.usual_width.mean_m
+    unusual_m = abs(width_m - usual_m)
+    if unusual_m < abs(lane.width_m - usual_m) + ROAD_WIDTH.std_m:
         share = min(chosen.support, 1)
         return f"the line at {chosen.offset_m:+.1f} m has paint on {share:.0%}"
-    return f"the lane would be {width_m:.1f} m wide with it (usual: {USUAL_WIDTH_M} m)"
+    return f"the lane would be {width_m:.1f} m wide with it (usual: {usual_m:.1f} m)"
 
 
 def _list_candidates(search: Search, fit: Fit, *, found: bool) -> tuple[Candidate, ...]:

@@ -23,6 +23,7 @@ from lanes.detect.evidence import Evidence, find_evidence
 from lanes.detect.fit import Fit
 from lanes.detect.lane import (
     COASTING,
+    FROZEN,
     LOST,
     SEARCHING,
     TRACKING,
@@ -52,6 +53,7 @@ from lanes.detect.search import (
 )
 from lanes.errors import LaneError, require_number, require_type
 from lanes.tracking.departure import DepartureWatch
+from lanes.tracking.drive_width import DriveWidth
 from lanes.tracking.filter import (
     CAMERA_YAW,
     MAX_SPEED_MPS,
@@ -82,6 +84,8 @@ BEYOND_LINE_M = 0.1
 COMPARED_AT_M = np.array([6.0, 12.0, 20.0])
 SAME_LINE_STDS = 3.0
 SAME_LINE_M = (0.15, 0.3)
+# An image that is repeated for longer is no copied frame: the picture stands still.
+FROZEN_S = 0.5
 # Time without a likely lane after which searches become rarer.
 FULL_RATE_S = 5.0
 
@@ -219,6 +223,8 @@ class LaneTracker:
     confidence_shift : float
         Added to the log odds of all lanes that are found with the pose of `camera`, if
         that is doubtful.
+    lane_width_m : float, optional
+        Width of the drive's lanes, if the pose was estimated with it.
 
     Attributes
     ----------
@@ -250,6 +256,7 @@ class LaneTracker:
         settings: TrackerSettings | None = None,
         markings: Markings | None = None,
         confidence_shift: float = 0.0,
+        lane_width_m: float | None = None,
     ) -> None:
         self.fps = require_number(fps, "fps", positive=True)
         self.speed_mps = None
@@ -265,6 +272,9 @@ class LaneTracker:
         self.find_pose = find_pose
         self.markings = markings
         self._confidence_shift = confidence_shift
+        self._first_width = DriveWidth()
+        if lane_width_m is not None:
+            self._first_width = DriveWidth.of_pose(lane_width_m)
         self._use(require_camera(camera))
         self.reset()
 
@@ -306,6 +316,11 @@ class LaneTracker:
         period_s = self.settings.static_period_s
         self._static = StaticPattern(self._views[-1], period_s)
         self._lane_moves = False
+        self._width = self._first_width
+        self._last_image: np.ndarray | None = None
+        # time that an image was repeated, and that was not predicted
+        self._repeated_s = 0.0
+        self._unpredicted_s = 0.0
         self._begin_search()
 
     def _begin_search(self) -> None:
@@ -342,7 +357,9 @@ class LaneTracker:
         Returns
         -------
         Lane or None
-            None while no lane is known, or only one with a confidence below 0.15.
+            None while no lane is known, or only one with a confidence below 0.15. An
+            image that equals the last one is no measurement: the lane is that of the
+            last one, and after half a second it is predicted.
 
         Raises
         ------
@@ -352,6 +369,11 @@ class LaneTracker:
             If `elapsed_s` is not a number, or `markings` returns no mask.
         """
         image = self.view.camera.require_size(image)
+        elapsed_s = self._time_to_predict(elapsed_s)
+        if self._repeats(image) and (self._repeated_s or self._sees_lane()):
+            self._wait(elapsed_s)
+            return self.lane
+        self._unpredicted_s = self._repeated_s = 0.0
         elapsed_s = self._begin_frame(elapsed_s)
 
         # what is due in this frame: a search, and the network
@@ -389,14 +411,65 @@ class LaneTracker:
                 self._forget_lane()
         if is_searched:
             self._track = self._compare(self._track, challenger)
+        self._learn_width(elapsed_s)
         self._try_other_pose(image, elapsed_s)
         return self.lane
 
-    def _begin_frame(self, elapsed_s: float | None) -> float:
-        """Time since the previous frame; a gap too long to bridge ends the track."""
+    def _time_to_predict(self, elapsed_s: float | None) -> float:
+        """Time since the last frame that the track was predicted for."""
         if elapsed_s is None:
             elapsed_s = 1 / self.fps
         elapsed_s = require_number(elapsed_s, "elapsed_s", finite=False)
+        return self._unpredicted_s + elapsed_s
+
+    def _repeats(self, image: np.ndarray) -> bool:
+        """Whether the image equals the last one, which is then no measurement."""
+        last = self._last_image
+        # most images already differ in a few of their rows
+        is_equal = (
+            last is not None
+            and np.array_equal(image[::32], last[::32])
+            and np.array_equal(image, last)
+        )
+        if not is_equal:
+            # a copy: cameras may write the next image into the same array
+            self._last_image = image.copy()
+        return is_equal
+
+    def _wait(self, elapsed_s: float) -> None:
+        """Pass over a repeated image.
+
+        A copied frame adds nothing to a lane that it shows. Where the picture stands
+        still, the lane is predicted, until it is too uncertain.
+        """
+        self._repeated_s += elapsed_s - self._unpredicted_s
+        self._unpredicted_s = elapsed_s
+        if not self._repeated_s > FROZEN_S:
+            return
+        self._unpredicted_s = 0.0
+        elapsed_s = self._begin_frame(elapsed_s)
+        if self._track:
+            self._track = self._predict_only(self._track, elapsed_s)
+            if self._track is None:
+                self._forget_lane()
+
+    def _predict_only(self, track: Track, elapsed_s: float) -> Track | None:
+        """The track after some time without a measurement; None if it is given up."""
+        settings = self.settings.filter
+        estimate = predict(
+            track.estimate, elapsed_s, settings, speed_mps=self.speed_mps
+        )
+        std_m = lateral_std_m(estimate.lane_covariance, 15.0).max()
+        if std_m > self.settings.max_std_m:
+            return None
+        moved_m = float(estimate.mean[SPEED]) * elapsed_s
+        lines = _unseen_lines(track.lane.evidence, moved_m)
+        lane = replace(track.lane, state=FROZEN, evidence=lines)
+        lane = self._describe(lane, estimate, track.departure, elapsed_s)
+        return replace(track, estimate=estimate, lane=lane, regained=0)
+
+    def _begin_frame(self, elapsed_s: float) -> float:
+        """Time since the previous frame; a gap too long to bridge ends the track."""
         if not 0 <= elapsed_s <= self.settings.max_coast_s:
             self._forget_lane()
             # NaN and a clock that was set back must not stop the periods:
@@ -416,6 +489,10 @@ class LaneTracker:
         if track is None or track.lane.state != TRACKING or track.lost_comparisons:
             return False
         return track.lane.score >= self.settings.min_score
+
+    def _sees_lane(self) -> bool:
+        """Whether there is a track, and it saw its lane in the last frame."""
+        return self._track is not None and not self._track.unseen_s
 
     def _find_evidence(self, image: np.ndarray, *, wide: bool, full: bool) -> Evidence:
         """The evidence in a `wide` or the narrowest view; `full`: with the network."""
@@ -447,6 +524,15 @@ class LaneTracker:
             self._track = self._start(moving)
         self._lane_moves = True
 
+    def _learn_width(self, elapsed_s: float) -> None:
+        """Learn the width of the drive from a tracked lane whose lines are seen."""
+        lane = self.tracked_lane
+        if lane is None or lane.state != TRACKING:
+            return
+        if all(line.seen for line in lane.evidence):
+            weight_s = lane.confidence * elapsed_s
+            self._width = self._width.after(lane.width_m, weight_s)
+
     def _try_other_pose(self, image: np.ndarray, elapsed_s: float) -> None:
         """While no lane is likely, look for one with a camera pose from this image.
 
@@ -463,7 +549,7 @@ class LaneTracker:
         if still is None or still.lane is None:
             return
         # for the track the pose is known, so that an odd width counts in full
-        as_tracked = replace(still.lane, same_lane_share=None)
+        as_tracked = self._of_drive(replace(still.lane, same_lane_share=None))
         least = min(still.confidence, as_tracked.confidence)
         if least <= max(confidence, LIKELY_CONFIDENCE):
             return
@@ -508,7 +594,7 @@ class LaneTracker:
         # frames in a row with a seen lane, while it is not yet tracked again
         regained = 0
         if is_seen and state != TRACKING:
-            regained = track.regained + (track.lane.state == COASTING)
+            regained = track.regained + (track.lane.state in (COASTING, FROZEN))
         lane = replace(
             track.lane,
             state=state,
@@ -530,6 +616,8 @@ class LaneTracker:
     ) -> str | None:
         """The state of the lane in the next frame; None if the track is given up."""
         state = track.lane.state
+        if state == FROZEN:
+            state = COASTING
         if seen:
             regained = track.regained + (state == COASTING)
             return TRACKING if regained >= self.settings.confirmations else state
@@ -555,11 +643,7 @@ class LaneTracker:
         if support >= 2 * self.settings.detector.fit.min_support:
             return lines, True
 
-        unseen = []
-        for line in last:
-            reach_m = max(line.reach_m - moved_m, 0.0)
-            unseen.append(replace(line, support=0.0, seen=False, reach_m=reach_m))
-        return (unseen[0], unseen[1]), False
+        return _unseen_lines(last, moved_m), False
 
     def _to_ego_lane(
         self,
@@ -593,14 +677,16 @@ class LaneTracker:
         s = self.settings
         if challenger is None or challenger.score < s.min_score:
             return track and replace(track, lost_comparisons=0)
+        challenger = self._of_drive(challenger)
         if track is None:
             return self._start(challenger)
 
         lane = track.lane
         if _is_same_lane(challenger, lane):
             return self._confirm(track, challenger)
-        least_score = lane.score + s.challenger_margin
-        if lane.state == TRACKING and challenger.score <= least_score:
+        is_better = challenger.score > lane.score + s.challenger_margin
+        is_likelier = lane.confidence < LIKELY_CONFIDENCE <= challenger.confidence
+        if lane.state == TRACKING and not (is_better or is_likelier):
             return replace(track, lost_comparisons=0)
 
         lost = track.lost_comparisons + 1
@@ -608,6 +694,10 @@ class LaneTracker:
         if lost >= s.confirmations or (lane.state == SEARCHING and is_surer):
             return self._start(challenger)
         return replace(track, lost_comparisons=lost)
+
+    def _of_drive(self, lane: Lane) -> Lane:
+        """A lane whose width is compared with that of the drive."""
+        return replace(lane, usual_width=self._width.usual)
 
     def _confirm(self, track: Track, found: Lane) -> Track:
         """The track after a search found its lane."""
@@ -652,6 +742,7 @@ class LaneTracker:
             fit_covariance=estimate.lane_covariance,
             score=lane_score(lane.evidence),
             same_lane_share=None,
+            usual_width=self._width.usual,
             camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
             motion=motion,
             departure=departure,
@@ -665,7 +756,7 @@ class LaneTracker:
 
     def _search(self, evidence: Evidence) -> Lane | None:
         """The lane found in the evidence without memory."""
-        found = search_lane(evidence, self.settings.detector)
+        found = search_lane(evidence, self.settings.detector, self._width.learnt)
         self.search = found.search
         return found.lane
 
@@ -683,6 +774,17 @@ class LaneTracker:
             if reach_m <= view.half_width_m:
                 return view
         return self._views[-1]
+
+
+def _unseen_lines(
+    last: tuple[LineEvidence, LineEvidence], moved_m: float
+) -> tuple[LineEvidence, LineEvidence]:
+    """Both lines where they are not seen, after a distance driven."""
+    unseen = []
+    for line in last:
+        reach_m = max(line.reach_m - moved_m, 0.0)
+        unseen.append(replace(line, support=0.0, seen=False, reach_m=reach_m))
+    return unseen[0], unseen[1]
 
 
 def _nearer_far_lines(far: FarEvidence, moved_m: float) -> FarEvidence:
