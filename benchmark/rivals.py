@@ -251,11 +251,8 @@ def describe_rivals(measured: dict[str, Measured], halves: Sequence[str]) -> str
     return f"{format_table(headings, rows)}\n{LEGEND}"
 
 
-def main() -> None:
-    """Measure the rivals, and print their table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the command."""
     add_road_arguments(parser)
     parser.add_argument(
         "--network",
@@ -263,6 +260,14 @@ def main() -> None:
         metavar="MODEL.onnx",
         help="a rival, and an eye of ours (docs/own_network.md)",
     )
+
+
+def main() -> None:
+    """Measure the rivals, and print their table."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    add_arguments(parser)
     options = parser.parse_args()
     chosen = choose_road_sets(options)
     roads = [of_one for of_one in chosen if not of_one.several_cameras]

@@ -30,6 +30,7 @@ from tools.course_hours import hours_table, measure_chapters
 MODULES = {
     "benchmark": "benchmark.__main__",
     "benchmark.real_roads": "benchmark.real_roads.__main__",
+    "benchmark.rivals": "benchmark.rivals",
     "course.grading": "course.grading.__main__",
     "simulator": "simulator.__main__",
     "tools.ablation": "tools.ablation",
