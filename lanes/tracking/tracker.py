@@ -523,7 +523,9 @@ class LaneTracker:
     def _learn_width(self, elapsed_s: float) -> None:
         """Learn the width of the drive from a tracked lane whose lines are seen."""
         lane = self.tracked_lane
-        if lane is None or lane.state != TRACKING:
+        # a track that began in this frame was not seen since the previous one
+        is_new = self._track is None or not self._track.frames
+        if lane is None or lane.state != TRACKING or is_new:
             return
         if all(line.seen for line in lane.evidence):
             weight_s = lane.confidence * elapsed_s
@@ -681,7 +683,10 @@ class LaneTracker:
         if _is_same_lane(challenger, lane):
             return self._confirm(track, challenger)
         is_better = challenger.score > lane.score + s.challenger_margin
-        is_likelier = lane.confidence < LIKELY_CONFIDENCE <= challenger.confidence
+        # before the width of the drive is known, a single search is no better judge
+        is_judged = self._width.learnt is not None
+        is_unlikely = lane.confidence < LIKELY_CONFIDENCE <= challenger.confidence
+        is_likelier = is_judged and is_unlikely
         if lane.state == TRACKING and not (is_better or is_likelier):
             return replace(track, lost_comparisons=0)
 
