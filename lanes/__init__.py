@@ -7,16 +7,17 @@ A road is drawn here; `read_image` reads a real one.
 >>> pose = lanes.CameraPose(height_m=1.3, pitch_rad=0.05)
 >>> camera = lanes.Camera.from_fov((640, 360), hfov_deg=60).with_pose(pose)
 >>> image = np.full((360, 640, 3), 90, np.uint8)
->>> for y in (1.9, -1.6):  # two white lines, 3.5 m apart
+>>> yellow, white = (220, 180, 60), (230, 230, 230)
+>>> for y, colour in ((1.9, yellow), (-1.6, white)):  # two lines, 3.5 m apart
 ...     left, right = y + 0.07, y - 0.07
 ...     on_road = np.array([[4, left], [60, left], [60, right], [4, right]])
 ...     corners = camera.road_to_pixels(on_road).round().astype(np.int32)
-...     _ = cv2.fillPoly(image, [corners], (230, 230, 230))
+...     _ = cv2.fillPoly(image, [corners], colour)
 >>> lane = lanes.find_lane(image, camera)
 >>> print(f"{lane.width_m:.1f} m wide, {lane.offset_m:.2f} m left of the centre")
 3.5 m wide, -0.15 m left of the centre
 >>> print(lane.left.colour, lane.left.kind)
-white solid
+yellow solid
 >>> drawn = lanes.draw_lane(image, lane, camera)
 
 Videos: `track`, `annotate`. Other cameras: `calibrate`, `estimate_pose`. The API is

@@ -164,7 +164,7 @@ def read_image(path: str | Path, *, upright: bool = True) -> np.ndarray:
 
 def _read_16_bits(path: Path) -> np.ndarray:
     """The RGB image, uint8, of a file whose values have two bytes, as it is stored."""
-    data = np.fromfile(path, np.uint8)
+    data = np.frombuffer(path.read_bytes(), np.uint8)
     stored = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
     if stored is None:
         raise ValueError("its values of 16 bits cannot be read")
