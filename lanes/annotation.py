@@ -12,7 +12,7 @@ from lanes.detect.markings import Markings
 from lanes.equality import ByValue
 from lanes.errors import LaneError
 from lanes.pose.estimate import PoseEstimate
-from lanes.show.report import Telemetry
+from lanes.telemetry import Telemetry
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,7 +24,7 @@ from lanes.annotation import Annotation, DriveSettings, require_options
 from lanes.camera.field_of_view import find_field_of_view
 from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.describe import describe_offset
-from lanes.detect.lane import FROZEN, POSE_NAMES, Lane
+from lanes.detect.lane import FROZEN, Lane
 from lanes.detect.markings import Markings
 from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, field_for, pose_for
@@ -41,13 +41,13 @@ from lanes.ros.robot_log import index_log
 from lanes.show.draw import track_lane
 from lanes.show.lane_messages import MESSAGES_SUFFIX, write_lane_messages
 from lanes.show.report import (
-    Telemetry,
     describe_confidence,
     describe_shares,
     seconds_lost,
     write_report,
 )
 from lanes.stills import annotate_stills, still_outputs
+from lanes.telemetry import POSE_NAMES, Telemetry
 from lanes.tracking.departure import describe_crossings
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from lanes.video.images import opencv_threads

@@ -33,7 +33,7 @@ import numpy as np
 
 from lanes.annotation import DriveSettings
 from lanes.camera.model import Camera
-from lanes.detect.lane import LOST, Lane, columns_at
+from lanes.detect.lane import Lane, columns_at
 from lanes.drive import make_tracker, prepare_drive, track_frames
 from lanes.drive_camera import camera_for, describe_lens, pose_for
 from lanes.errors import LaneError
@@ -49,6 +49,7 @@ from lanes.labelme import (
 )
 from lanes.recording import MAX_PIXELS
 from lanes.stills import detect_stills
+from lanes.telemetry import LOST
 from lanes.video.images import read_image
 from lanes.video.reader import MIRRORED_WORDS, TimedFrame, read_frames
 

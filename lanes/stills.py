@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from lanes.annotation import Annotation, DriveSettings
-from lanes.detect.lane import LOST, Lane, stated, telemetry_row
+from lanes.detect.lane import Lane, stated
 from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, describe_lens, pose_for
 from lanes.errors import LaneError, PictureError, PoseError
@@ -20,6 +20,7 @@ from lanes.files import TelemetryWriter
 from lanes.pose.estimate import ESTIMATED, PoseEstimate, detect_in_drive
 from lanes.show.draw import draw_lane
 from lanes.show.report import describe_confidence, describe_shares
+from lanes.telemetry import LOST, telemetry_row
 from lanes.video.images import read_image, write_image
 
 # Table of the stills in the output folder.

@@ -24,7 +24,7 @@ from lanes.errors import CameraError, PictureError
 from lanes.files import read_telemetry
 from lanes.labels import detect_in_video
 from lanes.pose.estimate import PoseEstimate
-from lanes.show.report import Telemetry
+from lanes.telemetry import Telemetry
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.images import read_image, write_image
 from lanes.video.reader import inspect_video

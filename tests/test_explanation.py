@@ -37,6 +37,7 @@ from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
 from tests.support.painted_roads import YELLOW, Road, dashcam
+from tests.support.shapes import straight_car
 
 CAMERA = dashcam(width=1280)
 AHEAD = dashcam(1280, yaw_rad=0.0)
@@ -150,14 +151,17 @@ class TestWeakestEvidence:
                 {"clear_share": 0.3},
                 "other lines run between those of the lane: 30% of the stripes",
             ),
-            ({"same_lane_share": 0.2}, "only 20% of the camera poses"),
             (
-                {"camera_yaw_rad": 0.1},
+                {"single_image_pose": True, "same_lane_share": 0.2},
+                "only 20% of the camera poses",
+            ),
+            (
+                {"car": straight_car(0.1)},
                 "the camera seems to look 5.7 deg farther to the right than its pose "
                 "says.",
             ),
             (
-                {"camera_yaw_rad": -0.1},
+                {"car": straight_car(-0.1)},
                 "the camera seems to look 5.7 deg farther to the left than its pose "
                 "says.",
             ),
@@ -174,7 +178,7 @@ class TestWeakestEvidence:
         assert f"weakest    {words}" in changed.describe()
 
     def test_of_a_lane_that_is_not_stated_says_nothing_about_the_camera(self, good):
-        changes = {"camera_yaw_rad": 0.3, "confidence_shift": -9.0}
+        changes = {"car": straight_car(0.3), "confidence_shift": -9.0}
         detection = with_lane(good, **changes).detection
         explanation = explain(good.image, CAMERA, detection=detection)
         text = explanation.describe()

@@ -285,6 +285,7 @@ class TestOneImage:
         assert any("heading" in note for note in estimate.notes)
         assert estimate.yaw_std_rad > np.radians(0.5)
         assert estimate.still.camera is estimate.camera
+        assert estimate.still.lane.single_image_pose
         assert estimate.still.lane.same_lane_share == 1.0
         assert estimate.still.lane.offset_m == pytest.approx(0.3, abs=0.1)
 

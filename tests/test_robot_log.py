@@ -17,7 +17,6 @@ from lanes.annotation import Annotation, DriveSettings
 from lanes.camera.field_of_view import FieldOfView, read_log_camera
 from lanes.camera.model import save_camera
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
-from lanes.detect.lane import telemetry_row
 from lanes.detect.road import road_height
 from lanes.detect.search import find_lane
 from lanes.drive import annotate_drive, track
@@ -26,6 +25,7 @@ from lanes.errors import CameraError, VideoError
 from lanes.files import read_telemetry
 from lanes.ros.robot_log import index_log
 from lanes.show.lane_messages import INFERRED_ALPHA, write_lane_messages
+from lanes.telemetry import telemetry_row
 from lanes.video.images import read_image
 from lanes.video.reader import inspect_video, read_timed_frames
 from lanes.video.sources import find_sources

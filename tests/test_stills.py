@@ -96,6 +96,7 @@ def clear() -> Lane:
 
 class TestAgreementOfPoses:
     def test_all_poses_show_a_clear_lane(self, clear):
+        assert clear.single_image_pose
         assert clear.same_lane_share == 1.0
         assert clear.camera.pose == POSE
 

@@ -63,9 +63,10 @@ def lane_features(  # noqa: PLR0913 (called by name)
     supports: Sequence[float],
     *,
     clear_share: float,
-    same_lane_share: float | None,
+    single_image_pose: bool,
+    same_lane_share: float,
     far_lines: int,
-    camera_yaw_rad: float | None,
+    camera_yaw_rad: float,
     usual_width: UsualWidth = ROAD_WIDTH,
 ) -> dict[str, float]:
     """The features of a lane by name, in the order of `WEIGHTS`; values beyond limits
@@ -74,8 +75,7 @@ def lane_features(  # noqa: PLR0913 (called by name)
     `supports` are those of both lines, `far_lines` the number of far lines seen; the
     rest is that of a `Lane`.
     """
-    has_own_pose = same_lane_share is not None
-    if has_own_pose:
+    if single_image_pose:
         usual_width = OWN_POSE_WIDTH
     near_std_m = float(lateral_std_m(fit_covariance, 15.0).max())
     support = min(*supports, GOOD_SUPPORT)
@@ -85,7 +85,7 @@ def lane_features(  # noqa: PLR0913 (called by name)
     # the distance from the rear axle (2 m), at most.
     in_bend = 2.0 * abs(curvature_per_m)
     heading = _excess(abs(float(model[HEADING])) - in_bend, 0.02)
-    yaw = 0.0 if camera_yaw_rad is None else _excess(abs(camera_yaw_rad), 0.01)
+    yaw = _excess(abs(camera_yaw_rad), 0.01)
     return {
         "constant": 1.0,
         # Standard deviation (metres) of the less certain line 15 m ahead, for the noise
@@ -100,11 +100,11 @@ def lane_features(  # noqa: PLR0913 (called by name)
         "odd width": usual_width.squared_distance(float(model[WIDTH])),
         # Share of the camera poses tried that do not show this lane: the image allows
         # several.
-        "other lanes": 0.0 if same_lane_share is None else 1.0 - same_lane_share,
+        "other lanes": 1.0 - same_lane_share,
         # Far lines of adjacent lanes that are seen: at the right height of the camera
         # they are a lane's width away. They add nothing for a pose that other images
         # show, too.
-        "far lines": float(far_lines) if has_own_pose else 0.0,
+        "far lines": float(far_lines) if single_image_pose else 0.0,
         "odd heading": max(heading, yaw),
         # Support of the line with less paint: most wrong lanes have one line that is
         # seen and one that is a guess.

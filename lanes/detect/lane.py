@@ -1,14 +1,17 @@
-"""Results: the lane in one image or frame, and its two lines, in SI units."""
+"""Results: the lane in one image or frame, and its two lines: geometry and evidence in
+SI units.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
 from lanes.camera.model import Camera
+from lanes.car import CarMotion, Departure, TrackedCar
 from lanes.describe import (
     describe_bend,
     describe_heading,
@@ -55,52 +58,10 @@ SEARCHING = "searching"
 TRACKING = "tracking"
 COASTING = "coasting"
 FROZEN = "frozen"
-# Columns of the telemetry of a lane, in order.
-TELEMETRY_COLUMNS = (
-    "state",
-    "confidence",
-    "confident_to_m",
-    "offset_m",
-    "offset_std_m",
-    "heading_rad",
-    "curvature_per_m",
-    "curvature_std_per_m",
-    "lane_width_m",
-    "pitch_rad",
-    "camera_yaw_rad",
-    "left_c0_m",
-    "left_c1",
-    "left_c2_per_m",
-    "left_c3_per_m2",
-    "left_kind",
-    "left_colour",
-    "left_double",
-    "right_c0_m",
-    "right_c1",
-    "right_c2_per_m",
-    "right_c3_per_m2",
-    "right_kind",
-    "right_colour",
-    "right_double",
-    "far_left_c0_m",
-    "far_right_c0_m",
-    "departure",
-    "pose_height_m",
-    "pose_pitch_rad",
-    "pose_yaw_rad",
-    "pose_roll_rad",
-)
-# In the telemetry: no lane is known.
-LOST = "lost"
 # Kind of a line without paint.
 ROAD_EDGE = "road edge"
-# The numbers of a camera pose in the telemetry, after "pose_".
-POSE_NAMES = ("height_m", "pitch_rad", "yaw_rad", "roll_rad")
 # Default arc lengths of an outline: from below the image to the horizon.
 OUTLINE_M = np.geomspace(1.5, 400.0, 130)
-# A speed with a larger standard deviation is not stated. It is a third of the speed
-# where the lane does not show it.
-MAX_SPEED_STD_SHARE = 0.15
 # Columns that a line may pass from row to row. Where it passes more, two rows of pitch
 # motion move it by more than the 20 pixels that TuSimple's score allows.
 MAX_COLUMNS_PER_ROW = 10.0
@@ -264,57 +225,6 @@ class Line(ByValue, LineEvidence):
         return " ".join(word for word in words if word)
 
 
-@dataclass(frozen=True)
-class CarMotion:
-    """Motion of the car: speed, curvature of the path (positive left), and course
-    relative to the camera pose.
-    """
-
-    speed_mps: float
-    path_per_m: float
-    course_rad: float
-    # Standard deviations of the lane's curvature relative to the path, and of its
-    # heading relative to the course.
-    turning_std_per_m: float
-    course_std_rad: float
-    speed_std_mps: float
-
-    @property
-    def is_known(self) -> bool:
-        """Whether the speed is certain enough to be stated."""
-        return self.speed_std_mps <= MAX_SPEED_STD_SHARE * self.speed_mps
-
-
-@dataclass(frozen=True)
-class Departure:
-    """Distance and time of the car to the lines."""
-
-    # Distance from the tyres to the centre of the left and of the right line, beside
-    # the car; < 0 beyond it.
-    left_m: float
-    right_m: float
-    # Lateral speed, positive left.
-    drift_mps: float
-    # The line that the car approaches: "left", "right" or None.
-    side: str | None
-    # Time until the tyres are on that line if car and road continue as now; 0 while
-    # they cross it. Infinite in lane keeping, or if it is more than 20 s.
-    time_to_crossing_s: float
-    # Whether to warn: a crossing is near with certainty, or happening; never for an
-    # uncertain lane.
-    due: bool
-
-    def describe(self) -> str | None:
-        """Words for the image; None if no warning is due."""
-        if not self.due:
-            return None
-        if self.time_to_crossing_s == 0:
-            return f"lane departure: crossing the {self.side} line"
-        return (
-            f"lane departure: {self.time_to_crossing_s:.1f} s to the {self.side} line"
-        )
-
-
 @dataclass(frozen=True, eq=False)
 class Lane(ByValue):
     """The ego lane in one image or frame, in SI units.
@@ -343,17 +253,14 @@ class Lane(ByValue):
         Of the stripes along the lane, on its lines and between them, the share on its
         lines. Tiles and bricks have lines between those of the lane; so have two lanes
         that are taken for one.
-    same_lane_share : float or None
-        Share of the camera poses tried that show this lane, if the pose was estimated
-        from the same image.
-    camera_yaw_rad : float or None
-        Direction of the car's axis, seen from the camera as its pose says, positive
-        left; None of a single image. It is large if the yaw of the pose is wrong.
-    motion : CarMotion or None
-        Speed, path and course of the car; the speed is given, or estimated from the
-        motion of the lane. None of a single image.
-    departure : Departure or None
-        Time to line crossing; None of a single image.
+    single_image_pose : bool
+        Whether the camera pose was estimated from the same image. Its height is then
+        uncertain, and with it the width of the lane.
+    same_lane_share : float
+        Share of the camera poses tried that show this lane; 1 if the pose was not
+        estimated from the same image.
+    car : TrackedCar or None
+        The car as the track sees it; None of a single image.
     confidence_shift : float
         Added to the log odds of the confidence; that of the network that found the
         markings (docs/own_network.md).
@@ -372,19 +279,39 @@ class Lane(ByValue):
     score: float
     state: str = FOUND
     clear_share: float = 1.0
-    same_lane_share: float | None = None
-    camera_yaw_rad: float | None = None
-    motion: CarMotion | None = None
-    departure: Departure | None = field(default=None, repr=False)
+    single_image_pose: bool = False
+    same_lane_share: float = 1.0
+    car: TrackedCar | None = None
     far_evidence: FarEvidence = (None, None)
     confidence_shift: float = 0.0
-    camera: Camera | None = field(default=None, repr=False)
-    usual_width: UsualWidth = field(default=ROAD_WIDTH, repr=False)
+    camera: Camera | None = None
+    usual_width: UsualWidth = ROAD_WIDTH
 
     @property
     def tracked(self) -> bool:
         """Whether the lane comes from a tracker, not from a single image."""
         return self.state != FOUND
+
+    @property
+    def camera_yaw_rad(self) -> float | None:
+        """Direction of the car's axis in the camera pose, positive left; None of a
+        single image.
+        """
+        return self.car.camera_yaw_rad if self.car else None
+
+    @property
+    def motion(self) -> CarMotion | None:
+        """Speed, path and course of the car; None of a single image."""
+        return self.car.motion if self.car else None
+
+    @property
+    def departure(self) -> Departure | None:
+        """Time to line crossing; None of a single image."""
+        return self.car.departure if self.car else None
+
+    def with_known_pose(self) -> Lane:
+        """The lane, rated as one whose camera pose is known."""
+        return replace(self, single_image_pose=False, same_lane_share=1.0)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -427,9 +354,10 @@ class Lane(ByValue):
             self.curvature_per_m,
             [line.support for line in self.evidence],
             clear_share=self.clear_share,
+            single_image_pose=self.single_image_pose,
             same_lane_share=self.same_lane_share,
             far_lines=len(far_seen),
-            camera_yaw_rad=self.camera_yaw_rad,
+            camera_yaw_rad=self.camera_yaw_rad or 0.0,
             usual_width=self.usual_width,
         )
 
@@ -641,11 +569,8 @@ class Lane(ByValue):
             "left line": self.left.describe(),
             "right line": self.right.describe(),
         }
-        if self.motion and self.motion.is_known:
-            words["speed"] = f"{3.6 * self.motion.speed_mps:.0f} km/h"
-        warning = self.departure.describe() if self.departure else None
-        if warning:
-            words["warning"] = warning
+        if self.car:
+            words |= self.car.summary()
         return words
 
     def __repr__(self) -> str:
@@ -691,45 +616,6 @@ def _end_in_rows(outline: np.ndarray, camera: Camera) -> int:
     inside = ((ends >= 0) & (ends < camera.size)).all(axis=1)
     is_flat = inside & (across > MAX_COLUMNS_PER_ROW * up)
     return int(np.append(is_flat, True).argmax()) + 1
-
-
-def telemetry_row(lane: Lane | None) -> dict[str, str | float | None]:
-    """Telemetry of a frame, by column name; None where the lane is lost."""
-    if lane is None:
-        unknown = dict.fromkeys(TELEMETRY_COLUMNS)
-        return {**unknown, "state": LOST, "confidence": 0.0}
-    row: dict[str, str | float | None] = {
-        "state": lane.state,
-        "confidence": lane.confidence,
-        "confident_to_m": lane.confident_to_m,
-        "offset_m": lane.offset_m,
-        "offset_std_m": lane.offset_std_m,
-        "heading_rad": lane.heading_rad,
-        "curvature_per_m": lane.curvature_per_m,
-        "curvature_std_per_m": lane.curvature_std_per_m,
-        "lane_width_m": lane.width_m,
-        "pitch_rad": lane.pitch_rad,
-        "camera_yaw_rad": lane.camera_yaw_rad,
-    }
-    for side, line in (("left", lane.left), ("right", lane.right)):
-        c0, c1, c2, c3 = line.coefficients
-        row[f"{side}_c0_m"] = c0
-        row[f"{side}_c1"] = c1
-        row[f"{side}_c2_per_m"] = c2
-        row[f"{side}_c3_per_m2"] = c3
-        row[f"{side}_kind"] = line.kind
-        row[f"{side}_colour"] = line.colour
-        row[f"{side}_double"] = line.double
-    far_left, far_right = lane.adjacent
-    row["far_left_c0_m"] = far_left.offset_m if far_left else None
-    row["far_right_c0_m"] = far_right.offset_m if far_right else None
-
-    is_due = lane.departure is not None and lane.departure.due
-    row["departure"] = lane.departure.side if lane.departure and is_due else None
-    pose = lane.camera.pose if lane.camera else None
-    for name in POSE_NAMES:
-        row[f"pose_{name}"] = getattr(pose, name) if pose else None
-    return row
 
 
 def project_lines(

@@ -619,7 +619,7 @@ def search_at_heights(
     """The detection in a single image for each height of the camera.
 
     The evidence is extracted once, with the camera's own pose. The lanes have a
-    `Lane.same_lane_share` of 1: their confidence is that of a lane whose width is
+    `Lane.single_image_pose`: their confidence is that of a lane whose width is
     uncertain.
     """
     view = _view_of(camera, settings)
@@ -628,7 +628,7 @@ def search_at_heights(
     for height_m in np.clip(heights_m, *HEIGHT_RANGE_M):
         found = search_lane(evidence.at_height(float(height_m)), settings)
         if found.lane:
-            lane = replace(found.lane, same_lane_share=1.0)
+            lane = replace(found.lane, single_image_pose=True)
             found = replace(found, lane=lane)
         detections.append(found)
     return detections

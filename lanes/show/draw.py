@@ -24,14 +24,9 @@ from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
-from lanes.detect.lane import (
-    Lane,
-    project_lines,
-    stated,
-    telemetry_row,
-    visible_part,
-)
+from lanes.detect.lane import Lane, project_lines, stated, visible_part
 from lanes.detect.road import SIDES, lines_on_view
+from lanes.telemetry import telemetry_row
 from lanes.tracking.tracker import LaneTracker
 
 Row = dict[str, str | float | None]

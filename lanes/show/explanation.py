@@ -29,7 +29,7 @@ from lanes.detect.confidence import (
 )
 from lanes.detect.evidence import Evidence, strength_weight
 from lanes.detect.fit import Fit, FitSettings, near_stripes
-from lanes.detect.lane import COASTING, LOST, Lane, stated
+from lanes.detect.lane import COASTING, Lane, stated
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,
@@ -43,6 +43,7 @@ from lanes.detect.search import Search, StillDetection, detect_still
 from lanes.equality import ByValue
 from lanes.errors import CameraError
 from lanes.pose.change import describe_wrong_yaw
+from lanes.telemetry import LOST
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 
@@ -642,7 +643,7 @@ def _describe_odd_heading(lane: Lane, pose_advice: str) -> tuple[str, str]:
 
 def _describe_other_lanes(lane: Lane) -> tuple[str, str]:
     return (
-        f"only {lane.same_lane_share or 0:.0%} of the camera poses that fit this "
+        f"only {lane.same_lane_share:.0%} of the camera poses that fit this "
         "picture show this lane, because one picture shows the pose only roughly.",
         "Give a camera file with a pose, or several pictures or a video of the drive: "
         "`python -m lanes pose`.",

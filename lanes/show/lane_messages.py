@@ -20,7 +20,7 @@ import numpy as np
 
 from lanes.canvas import LANE_COLOUR, UNLIKELY_COLOUR
 from lanes.detect.confidence import LIKELY_CONFIDENCE
-from lanes.detect.lane import Lane, Line, telemetry_row
+from lanes.detect.lane import Lane, Line
 from lanes.detect.road import road_height
 from lanes.files import (
     MESSAGES_SUFFIX,
@@ -29,6 +29,7 @@ from lanes.files import (
     translate_write_errors,
 )
 from lanes.ros.robot_log import LogIndex
+from lanes.telemetry import telemetry_row
 from lanes.tracking.tracker import LaneTracker
 
 _NUMBERS = [

@@ -28,14 +28,13 @@ from lanes.detect.confidence import (
     LIKELY_CONFIDENCE,
     SURE_CONFIDENCE,
 )
-from lanes.detect.lane import LOST, TRACKING
+from lanes.detect.lane import TRACKING
 from lanes.files import write_atomically
+from lanes.telemetry import LOST, Telemetry
 
 if TYPE_CHECKING:
     from jinja2 import Environment
 
-# Columns by name, arrays (frames,), as `lanes.files.read_telemetry` returns them.
-Telemetry = Mapping[str, np.ndarray]
 # Base64 makes it 4/3 as large: below the limit of most mail servers, 25 MB.
 _MAX_EMBEDDED_BYTES = 16_000_000
 # Telemetry columns in the page, with their number of decimals.

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from lanes.camera.model import CAR_WIDTH_M, Camera
+from lanes.car import CarMotion, Departure
 from lanes.detect.confidence import LIKELY_CONFIDENCE
-from lanes.detect.lane import CarMotion, Departure
 from lanes.detect.road import (
     CENTRE,
     CURVATURE,

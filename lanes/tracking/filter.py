@@ -31,6 +31,7 @@ from math import exp
 
 import numpy as np
 
+from lanes.car import CarMotion
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import Stripes
 from lanes.detect.fit import (
@@ -40,7 +41,6 @@ from lanes.detect.fit import (
     fit_near_prediction,
     predicted_prior,
 )
-from lanes.detect.lane import CarMotion
 from lanes.detect.road import (
     ADJACENT,
     CENTRE,

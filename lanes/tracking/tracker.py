@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from lanes.camera.model import Camera, require_camera
+from lanes.car import TrackedCar
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
 from lanes.detect.evidence import Evidence, find_evidence
@@ -24,7 +25,6 @@ from lanes.detect.fit import Fit
 from lanes.detect.lane import (
     COASTING,
     FROZEN,
-    LOST,
     SEARCHING,
     TRACKING,
     FarEvidence,
@@ -52,6 +52,7 @@ from lanes.detect.search import (
     search_lane,
 )
 from lanes.errors import LaneError, require_number, require_type
+from lanes.telemetry import LOST
 from lanes.tracking.departure import DepartureWatch
 from lanes.tracking.drive_width import DriveWidth
 from lanes.tracking.filter import (
@@ -547,7 +548,7 @@ class LaneTracker:
         if still is None or still.lane is None:
             return
         # for the track the pose is known, so that an odd width counts in full
-        as_tracked = self._of_drive(replace(still.lane, same_lane_share=None))
+        as_tracked = self._of_drive(still.lane.with_known_pose())
         least = min(still.confidence, as_tracked.confidence)
         if least <= max(confidence, LIKELY_CONFIDENCE):
             return
@@ -736,23 +737,22 @@ class LaneTracker:
         model = estimate.lane + shift
         motion = car_motion(estimate, self.settings.filter)
         departure = watch.update(model, motion, self.camera, elapsed_s)
+        car = TrackedCar(float(estimate.mean[CAMERA_YAW]), motion, departure)
         described = replace(
-            lane,
+            lane.with_known_pose(),
             model=model,
             centres=estimate.lane,
             fit_covariance=estimate.lane_covariance,
             score=lane_score(lane.evidence),
-            same_lane_share=None,
             usual_width=self._width.usual,
-            camera_yaw_rad=float(estimate.mean[CAMERA_YAW]),
-            motion=motion,
-            departure=departure,
+            car=car,
         )
         is_likely = described.confidence >= LIKELY_CONFIDENCE
         # an inferred line is not seen to come nearer
         is_seen = right.seen if departure.side == "right" else left.seen
         if lane.state != TRACKING or not is_likely or not is_seen:
-            return replace(described, departure=replace(departure, due=False))
+            quiet = replace(car, departure=replace(departure, due=False))
+            return replace(described, car=quiet)
         return described
 
     def _search(self, evidence: Evidence) -> Lane | None:

@@ -16,7 +16,7 @@ from lanes.detect.search import detect_still
 from simulator.not_roads import KINDS, not_a_road
 from tests.support.painted_drive import CAMERA
 from tests.support.painted_drive import SMALL as SMALL_CAMERA
-from tests.support.shapes import a_lane
+from tests.support.shapes import a_lane, straight_car
 from tools.fit_confidence import find_with_own_pose, logistic, samples_of_painted_drive
 
 OTHERS = dict(rate=1e-7, pitch=1e-3, vertical=1e-5, rate_steps=1e-9, adjacent=1e-9)
@@ -35,7 +35,7 @@ def test_a_line_with_little_paint_makes_a_lane_doubtful_and_far_lines_support_on
     )
     assert max(with_guess) < 0.9 < 0.95 < GOOD.confidence
     far = {"far_evidence": (LineEvidence(0.3, True, 40.0), None)}
-    own_pose = replace(GOOD, same_lane_share=0.4)
+    own_pose = replace(GOOD, single_image_pose=True, same_lane_share=0.4)
     assert replace(own_pose, **far).confidence > own_pose.confidence + 0.03
     assert replace(GOOD, **far).confidence == GOOD.confidence
 
@@ -89,12 +89,17 @@ TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
         ({}, {"model": a_lane(centre=0.1, width=4.5)}, "odd width", None),
         ({"state": TRACKING}, {"model": TURNED}, "odd heading", 0.6),
         (
-            {"state": TRACKING, "camera_yaw_rad": 0.01},
-            {"camera_yaw_rad": -0.04},
+            {"state": TRACKING, "car": straight_car(0.01)},
+            {"car": straight_car(-0.04)},
             "odd heading",
             0.6,
         ),
-        ({"same_lane_share": 1.0}, {"same_lane_share": 0.3}, "other lanes", 0.7),
+        (
+            {"single_image_pose": True},
+            {"same_lane_share": 0.3},
+            "other lanes",
+            0.7,
+        ),
         ({}, {"clear_share": 0.5}, "between", np.log(0.5)),
         ({"state": TRACKING}, {"clear_share": 0.5}, "between", np.log(0.5)),
     ],

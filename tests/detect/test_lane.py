@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from lanes.camera.model import PoseStd
-from lanes.detect.lane import LineEvidence, telemetry_row
+from lanes.detect.lane import LineEvidence
 from lanes.detect.line_type import TypeVotes
 from lanes.detect.road import SIDES, lateral_gradients, line_y, line_y_gradients
+from lanes.telemetry import telemetry_row
 from tests.support.painted_roads import dashcam
 from tests.support.shapes import a_lane, found_lane
 

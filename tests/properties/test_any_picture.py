@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from lanes.camera.model import Camera
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.fit import FitSettings
-from lanes.detect.lane import Lane, telemetry_row
+from lanes.detect.lane import Lane
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import WIDTH
 from lanes.detect.search import (
@@ -24,6 +24,7 @@ from lanes.detect.search import (
 )
 from lanes.errors import CameraError
 from lanes.labels import as_detection
+from lanes.telemetry import telemetry_row
 from lanes.tracking.tracker import LaneTracker
 from tests.support.examples import examples
 from tests.support.painted_drive import CAMERA

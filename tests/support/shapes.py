@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lanes.car import CarMotion, Departure, TrackedCar
 from lanes.detect.confidence import error_variance_factor
 from lanes.detect.lane import Lane, LineEvidence
 from lanes.detect.road import parameter_vector
@@ -23,6 +24,27 @@ def intrinsics(fu_px: float, fv_px: float, u_px: float, v_px: float) -> np.ndarr
 def a_lane(*, width: float = 3.5, **parameters: float | Sequence[float]) -> np.ndarray:
     """`parameter_vector` of a lane 3.5 m wide, if nothing else is said."""
     return parameter_vector(width=width, **parameters)
+
+
+def straight_car(camera_yaw_rad: float) -> TrackedCar:
+    """A car in the middle of a straight lane, seen by a camera with a wrong yaw."""
+    motion = CarMotion(
+        speed_mps=25.0,
+        path_per_m=0.0,
+        course_rad=camera_yaw_rad,
+        turning_std_per_m=0.0,
+        course_std_rad=0.0,
+        speed_std_mps=0.0,
+    )
+    departure = Departure(
+        left_m=0.9,
+        right_m=0.9,
+        drift_mps=0.0,
+        side=None,
+        time_to_crossing_s=float("inf"),
+        due=False,
+    )
+    return TrackedCar(camera_yaw_rad, motion, departure)
 
 
 def found_lane(

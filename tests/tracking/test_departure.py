@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from lanes.car import CarMotion
 from lanes.detect.lane import Lane
 from lanes.detect.road import CENTRE, WIDTH
 from lanes.tracking.departure import (
@@ -15,7 +16,6 @@ from lanes.tracking.departure import (
     describe_crossings,
     watch_departure,
 )
-from lanes.tracking.filter import CarMotion
 from lanes.tracking.tracker import LaneTracker
 from simulator.rendering.drive import Motion
 from tests.support.painted_drive import SMALL, PaintedDrive, lane_lines, straight_road

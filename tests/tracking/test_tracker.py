@@ -474,7 +474,9 @@ def test_another_pose_is_taken_only_if_the_track_calls_its_lane_likely(height_m,
     pose = replace(SMALL.pose, height_m=height_m)
     other = LaneTracker(SMALL.with_pose(pose), fps=FPS)
     other.update(DRIVE.frame(0.0))
-    lane = replace(other.tracked_lane, state=FOUND, same_lane_share=0.9)
+    lane = replace(
+        other.tracked_lane, state=FOUND, single_image_pose=True, same_lane_share=0.9
+    )
     assert lane.confidence > 0.9
     still = StillDetection(other.evidence, other.settings.detector, lane=lane)
     tracker = LaneTracker(SMALL, fps=FPS, find_pose=lambda image: still)
