@@ -313,7 +313,7 @@ def make_tracker(
     def find_pose(image: np.ndarray) -> StillDetection | None:
         with suppress(CameraError):  # the pose sees no road
             of_image = estimate_in_drive(
-                image, camera, drive, markings=markings, settings=settings.detector
+                image, camera, drive, settings.detector, markings=markings
             )
             return of_image.still
         return None

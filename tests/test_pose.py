@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from lanes.camera.model import Camera, CameraPose
+from lanes.detect.search import DETECTOR
 from lanes.errors import PictureError, PoseError
 from lanes.pose.estimate import (
     ASSUMED,
@@ -240,7 +241,7 @@ def test_an_image_keeps_height_and_roll_of_its_drive():
     """The image alone would show 1.35 m or a multiple of it, and no roll."""
     drive_camera = posed(height_m=1.5, roll_rad=2.0)
     image = paint_motorway(drive_camera, offset_m=0.3)
-    own = estimate_in_drive(image, drive_camera, estimated(drive_camera))
+    own = estimate_in_drive(image, drive_camera, estimated(drive_camera), DETECTOR)
     assert own.still.confidence > 0.5
     assert (own.pose.height_m, own.height_std_m) == (1.5, 0.05)
     assert own.pose.roll_rad == drive_camera.pose.roll_rad
@@ -252,7 +253,7 @@ def test_an_image_of_a_drive_shows_a_camera_that_was_knocked():
     pitch_deg, yaw_deg = np.degrees([TRUE_POSE.pitch_rad, TRUE_POSE.yaw_rad]) + 3.0
     knocked = posed(pitch_rad=pitch_deg, yaw_rad=yaw_deg, roll_rad=0.0)
     image = paint_motorway(knocked)
-    own = estimate_in_drive(image, drive_camera, estimated(drive_camera))
+    own = estimate_in_drive(image, drive_camera, estimated(drive_camera), DETECTOR)
     assert np.degrees(own.pose.pitch_rad) == pytest.approx(pitch_deg, abs=1.0)
     assert np.degrees(own.pose.yaw_rad) == pytest.approx(yaw_deg, abs=1.5)
 
@@ -260,7 +261,7 @@ def test_an_image_of_a_drive_shows_a_camera_that_was_knocked():
 def test_an_image_of_a_drive_without_lanes_has_a_height_of_its_own():
     drive_camera = posed(height_m=2.0)
     assumed = estimated(drive_camera, frames_used=0, lane_width_m=None)
-    own = estimate_in_drive(paint_motorway(CAMERA), drive_camera, assumed)
+    own = estimate_in_drive(paint_motorway(CAMERA), drive_camera, assumed, DETECTOR)
     assert own.pose.height_m == pytest.approx(1.35, abs=0.1)
 
 

@@ -10,6 +10,7 @@ import pytest
 from lanes.camera.model import Camera, CameraPose
 from lanes.detect.lane import Lane
 from lanes.detect.search import (
+    DETECTOR,
     StillDetection,
     detect_still,
     detect_with_own_pose,
@@ -46,7 +47,7 @@ def own_pose(
     pitch.
     """
     camera = CAMERA.with_pose(replace(POSE, height_m=height_m))
-    return detect_with_own_pose(image, camera, height_log_std)
+    return detect_with_own_pose(image, camera, height_log_std, DETECTOR)
 
 
 def is_right(found: StillDetection) -> bool:

@@ -41,10 +41,12 @@ from benchmark.tables import markdown_row, markdown_table
 from lanes.console import bounded, progress_line, split_names
 from lanes.detect.fit import FitSettings
 from lanes.score import summarize
-from lanes.tracking.filter import FILTER
+from lanes.tracking.filter import FilterSettings
 from lanes.tracking.tracker import TrackerSettings
 from simulator.processes import run_all
 from simulator.rendering.render import VIDEO_FPS
+
+_FILTER = FilterSettings()
 
 
 @dataclass(frozen=True)
@@ -157,10 +159,10 @@ MECHANISMS = (
         "shares of the noise",
         "process noise grows with the curvature",
         {
-            "filter.path_per_m_per_s": (FILTER.path_per_m_per_s[0], 0.0),
-            "filter.rate_per_m2_per_m": (FILTER.rate_per_m2_per_m[0], 0.0),
-            "filter.rate_step_per_m2_per_m": (FILTER.rate_step_per_m2_per_m[0], 0.0),
-            "filter.vertical_per_m": (FILTER.vertical_per_m[0], 0.0),
+            "filter.path_per_m_per_s": (_FILTER.path_per_m_per_s[0], 0.0),
+            "filter.rate_per_m2_per_m": (_FILTER.rate_per_m2_per_m[0], 0.0),
+            "filter.rate_step_per_m2_per_m": (_FILTER.rate_step_per_m2_per_m[0], 0.0),
+            "filter.vertical_per_m": (_FILTER.vertical_per_m[0], 0.0),
             "filter.vertical_share": 0.0,
         },
     ),

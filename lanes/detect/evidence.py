@@ -161,7 +161,7 @@ class Stripes:
 
 
 def marking_response(
-    view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings = PAINT
+    view_image: np.ndarray, view: BirdsEyeView, settings: PaintSettings
 ) -> MarkingResponse:
     """Response of the band filters to an image (rows, columns, 3), uint8, of the view.
 
@@ -288,7 +288,7 @@ def _seen_share(view: BirdsEyeView, window: tuple[int, int]) -> np.ndarray:
 
 
 def find_stripes(
-    response: MarkingResponse, view: BirdsEyeView, settings: PaintSettings = PAINT
+    response: MarkingResponse, view: BirdsEyeView, settings: PaintSettings
 ) -> Stripes:
     """Peaks of the marking response along each row, with sub-column precision.
 
@@ -447,7 +447,7 @@ class Evidence:
 def find_evidence(
     image: np.ndarray,
     view: BirdsEyeView,
-    settings: PaintSettings = PAINT,
+    settings: PaintSettings,
     *,
     markings: Markings | None = None,
     quick: bool = False,

@@ -638,8 +638,9 @@ def detect_with_own_pose(
     image: np.ndarray,
     camera: Camera,
     height_log_std: float,
+    settings: DetectorSettings,
+    *,
     markings: Markings | None = None,
-    settings: DetectorSettings = DETECTOR,
 ) -> StillDetection:
     """The detection in a single image whose camera pose is only known roughly.
 

@@ -435,14 +435,14 @@ def _pose_from_direction(
         # the pose of no drive is known
         start = replace(start, pose_std=PoseStd(log_std, PRIOR_ROLL_STD_RAD))
     still = detect_with_own_pose(
-        image, start, log_std, options.markings, options.settings
+        image, start, log_std, options.settings, markings=options.markings
     )
     lane_width_m = None
     if options.is_width_given and log_std and still.lane:
         lane_width_m = options.lane_width_m
         posed = _scaled_to_width(still.camera, still.lane, lane_width_m)
         still = detect_with_own_pose(
-            image, posed, 0.0, options.markings, options.settings
+            image, posed, 0.0, options.settings, markings=options.markings
         )
         log_std = _LANE_WIDTH_STD_M / lane_width_m
 
@@ -476,9 +476,9 @@ def estimate_in_drive(
     image: np.ndarray,
     camera: Camera,
     drive: PoseEstimate,
+    settings: DetectorSettings,
     *,
     markings: Markings | None = None,
-    settings: DetectorSettings = DETECTOR,
 ) -> PoseEstimate:
     """The pose of a single image of a drive whose pose was estimated.
 

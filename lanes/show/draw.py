@@ -23,7 +23,7 @@ from lanes.camera.model import Camera, require_camera
 from lanes.describe import describe_offset
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.confidence import LIKELY_CONFIDENCE
-from lanes.detect.evidence import Evidence, find_evidence
+from lanes.detect.evidence import PAINT, Evidence, PaintSettings, find_evidence
 from lanes.detect.lane import Lane, project_lines, stated, visible_part
 from lanes.detect.road import SIDES, lines_on_view
 from lanes.telemetry import telemetry_row
@@ -401,12 +401,15 @@ def _mosaic(
     lane: Lane | None,
     camera: Camera,
     evidence: Evidence | None,
+    settings: PaintSettings = PAINT,
 ) -> np.ndarray:
     """The annotated image, the bird's-eye view, the marking response and the fit
     together.
+
+    `settings` are those of evidence that is not given.
     """
     if evidence is None:
-        evidence = find_evidence(image, BirdsEyeView(camera), quick=True)
+        evidence = find_evidence(image, BirdsEyeView(camera), settings, quick=True)
     view = evidence.view
     view_image = evidence.view_image
     # paint in good condition has four times the smallest strength of a stripe

@@ -140,9 +140,6 @@ class FilterSettings:
     max_vertical_per_m: float = 6e-3
 
 
-FILTER = FilterSettings()
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """State estimate: mean (19,) and covariance (19, 19) of lane and car."""
@@ -165,7 +162,7 @@ def initial_state(
     lane: np.ndarray,
     covariance: np.ndarray,
     speed_mps: float | None,
-    settings: FilterSettings = FILTER,
+    settings: FilterSettings,
 ) -> State:
     """The state after a first detection (15,), (15, 15).
 
@@ -193,7 +190,7 @@ def initial_state(
     return State(mean, full)
 
 
-def lever(speed_mps: float, settings: FilterSettings = FILTER) -> tuple[float, float]:
+def lever(speed_mps: float, settings: FilterSettings) -> tuple[float, float]:
     """Distance of the camera from the point of the car that moves along the car's axis.
 
     The second result is its derivative by the speed.
@@ -206,7 +203,7 @@ def lever(speed_mps: float, settings: FilterSettings = FILTER) -> tuple[float, f
     return lever_m, by_speed
 
 
-def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
+def car_motion(state: State, settings: FilterSettings) -> CarMotion:
     """The car's motion, for departure warnings."""
     path, speed, _, camera_yaw = state.mean[CAR].tolist()
     lever_m, _ = lever(speed, settings)
@@ -231,7 +228,7 @@ def car_motion(state: State, settings: FilterSettings = FILTER) -> CarMotion:
 def predict(
     state: State,
     elapsed_s: float,
-    settings: FilterSettings = FILTER,
+    settings: FilterSettings,
     *,
     speed_mps: float | None = None,
 ) -> State:
@@ -252,7 +249,7 @@ def predict(
 
 
 def transition(
-    mean: np.ndarray, elapsed_s: float, settings: FilterSettings = FILTER
+    mean: np.ndarray, elapsed_s: float, settings: FilterSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """State transition: the mean (19,) `elapsed_s` later, and its Jacobian (19, 19)."""
     # Python floats: for single numbers numpy's overhead would dominate
@@ -323,7 +320,7 @@ def _vertical_transition(distance_m: float, settings: FilterSettings) -> np.ndar
 
 
 def process_noise(
-    state: State, elapsed_s: float, settings: FilterSettings = FILTER
+    state: State, elapsed_s: float, settings: FilterSettings
 ) -> np.ndarray:
     """Variances (19,) that one prediction adds: the diagonal of Q."""
     curvature = max_curvature(state.lane)
@@ -365,7 +362,7 @@ def _grown(base_and_share: BaseShare, by: float) -> float:
     return base + share * by
 
 
-def without_wrong_yaw(state: State, settings: FilterSettings = FILTER) -> State:
+def without_wrong_yaw(state: State, settings: FilterSettings) -> State:
     """The state, with the usual speed and any yaw if the yaw of the pose seems wrong.
 
     It does if a car on a smooth road seems to stand and point away from it.
@@ -433,7 +430,7 @@ def update(
     predicted: State,
     lane: np.ndarray,
     covariance: np.ndarray,
-    settings: FilterSettings = FILTER,
+    settings: FilterSettings,
 ) -> State:
     """The predicted state conditioned on the measured lane (15,), prediction included.
 

@@ -51,9 +51,9 @@ def paint_in(image, y=1.7, side=1, *, light="white"):
     """
     view = VIEW if image.shape[1] == CAMERA.width else SMALL_VIEW
     image = np.clip(LIGHTS[light](image.astype(float)), 0, 255).astype(np.uint8)
-    response = marking_response(view.warp(image), view)
+    response = marking_response(view.warp(image), view, PAINT)
     line_y_m = y + np.zeros(len(view.x_m))
-    stripes = find_stripes(response, view)
+    stripes = find_stripes(response, view, PAINT)
     on_line = np.abs(stripes.y_m - line_y_m[stripes.row]) < 0.2
     return marking_profile(response, view, line_y_m, stripes.row[on_line], side, PAINT)
 

@@ -169,11 +169,11 @@ class TestJoinedMask:
 
     def joined(self, road: Road, mask: np.ndarray, quick: bool = False) -> Evidence:
         source = MarkingSource(lambda _: mask, with_own=True)
-        return find_evidence(road.image(), VIEW, markings=source, quick=quick)
+        return find_evidence(road.image(), VIEW, PAINT, markings=source, quick=quick)
 
     @pytest.mark.parametrize("quick", [False, True])
     def test_has_the_mean_of_the_log_odds(self, road, quick):
-        own = find_evidence(road.image(), VIEW, quick=quick).response.strength
+        own = find_evidence(road.image(), VIEW, PAINT, quick=quick).response.strength
         even = np.full((360, 640), 0.95)
         found = self.joined(road, even, quick).response.strength
         of_mask = PAINT.half_weight_strength * np.sqrt(0.95 / 0.05)
@@ -186,12 +186,12 @@ class TestJoinedMask:
     def test_gives_what_both_show_more_weight(self):
         faint = Road(CAMERA, noise=5.0)
         faint = faint.lines(LEFT_M, RIGHT_M, colour=tuple(np.add(ASPHALT, 8)))
-        own = find_evidence(faint.image(), VIEW).stripes
+        own = find_evidence(faint.image(), VIEW, PAINT).stripes
         joined = self.joined(faint, wide_mask(faint)).stripes
         assert paint_weight(joined, LEFT_M) > paint_weight(own, LEFT_M) + 0.05
 
     def test_never_takes_weight_from_paint(self, road):
-        own = find_evidence(road.image(), VIEW).stripes
+        own = find_evidence(road.image(), VIEW, PAINT).stripes
         stripes = self.joined(road, wide_mask(road, left_m=1.0)).stripes
         assert 0 < paint_weight(stripes, LEFT_M + 1.0) < paint_weight(stripes, LEFT_M)
         weight = paint_weight(own, LEFT_M)
@@ -254,8 +254,8 @@ class TestTrainingWindow:
         view = BirdsEyeView(camera)
         window = TrainingWindow(0.9)
         source = MarkingSource(no_markings, with_own=True, window=window)
-        own = find_evidence(image, view).response.strength
-        joined = find_evidence(image, view, markings=source).response.strength
+        own = find_evidence(image, view, PAINT).response.strength
+        joined = find_evidence(image, view, PAINT, markings=source).response.strength
         beyond = view.pixels[..., 1] > window.rows(camera)[1]
         assert beyond.any()
         np.testing.assert_array_equal(joined[beyond], own[beyond])

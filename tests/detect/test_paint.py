@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import Stripes, find_evidence, marking_response
+from lanes.detect.evidence import PAINT, Stripes, find_evidence, marking_response
 from tests.support.painted_roads import ASPHALT, WHITE, YELLOW, Road, dashcam
 
 CAMERA = dashcam()
@@ -31,7 +31,7 @@ def stripes_near(
     """The candidates near a line, nearer than `far_m`, that are no edges of
     the road.
     """
-    stripes = find_evidence(road.image(), VIEW, quick=quick).stripes
+    stripes = find_evidence(road.image(), VIEW, PAINT, quick=quick).stripes
     near = np.abs(stripes.y_m - y_of_x(stripes.x_m)) < within_m
     return stripes.select(near & (stripes.x_m < far_m) & ~stripes.edge)
 
@@ -125,7 +125,7 @@ def test_the_network_sees_faint_lines_but_no_faint_streak_on_a_smooth_road():
 def test_the_end_of_the_pavement_is_an_edge_of_the_road_and_no_paint():
     """Grass from 1.7 m to the right on. Nothing is found outside of the image."""
     road = Road(CAMERA).lines(1.8).paint(lambda x, y: y < -1.7, (96, 120, 60))
-    evidence = find_evidence(road.image(), VIEW)
+    evidence = find_evidence(road.image(), VIEW, PAINT)
     near = evidence.stripes.select(
         (evidence.stripes.x_m < 20) & (np.abs(evidence.stripes.y_m + 1.7) < 0.3)
     )
@@ -148,7 +148,7 @@ def test_noise_at_the_border_of_the_image_is_that_in_the_middle():
     paint.
     """
     strength = marking_response(
-        VIEW.warp(Road(CAMERA, noise=6.0).image()), VIEW
+        VIEW.warp(Road(CAMERA, noise=6.0).image()), VIEW, PAINT
     ).strength
     inner = np.roll(VIEW.seen, 8, axis=1) & np.roll(VIEW.seen, -8, axis=1)
     near = VIEW.seen & (VIEW.x_m < 9)[:, None]

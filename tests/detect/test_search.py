@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lanes.detect.birdseye import BirdsEyeView
-from lanes.detect.evidence import PaintSettings, find_evidence
+from lanes.detect.evidence import PAINT, PaintSettings, find_evidence
 from lanes.detect.fit import FitSettings
 from lanes.detect.lane import Lane
 from lanes.detect.search import (
@@ -59,7 +59,7 @@ def test_shaded_bend_off_centre():
 
 def search_quickly(image: np.ndarray) -> Lane | None:
     """The lane that a search finds in what the band filter sees."""
-    evidence = find_evidence(image, VIEW, quick=True)
+    evidence = find_evidence(image, VIEW, PAINT, quick=True)
     return search_lane(evidence, DetectorSettings()).lane
 
 
@@ -123,7 +123,7 @@ def test_lines_between_those_of_the_lane_count(between_m):
 def test_each_step_has_the_given_settings_and_height():
     """Here settings that find nothing. All lengths grow with the height."""
     image = Road(CAMERA).lines(1.8, -1.8).image()
-    evidence = find_evidence(image, VIEW, quick=True)
+    evidence = find_evidence(image, VIEW, PAINT, quick=True)
     higher = evidence.at_height(1.2 * VIEW.height_m)
     for name in ("x_m", "y_m", "std_m"):
         np.testing.assert_allclose(

@@ -17,6 +17,7 @@ from lanes.detect.lane import Lane
 from lanes.detect.residuals import ROAD_M
 from lanes.detect.road import WIDTH
 from lanes.detect.search import (
+    DETECTOR,
     StillDetection,
     detect_still,
     detect_with_own_pose,
@@ -173,7 +174,7 @@ def assert_sound(lane: Lane | None, size: tuple[int, int]) -> None:
 
 
 def detect_with_another_pose(image: np.ndarray, camera: Camera) -> StillDetection:
-    return detect_with_own_pose(image, camera, 0.2)
+    return detect_with_own_pose(image, camera, 0.2, DETECTOR)
 
 
 @pytest.mark.parametrize("detect", [detect_still, detect_with_another_pose])

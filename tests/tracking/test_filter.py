@@ -37,6 +37,7 @@ from simulator.road.geometry import RoadGeometry, VehiclePose
 from simulator.road.truth import lane_truth
 from tests.support.shapes import a_lane
 
+SETTINGS = FilterSettings()
 SMALL = dict(rate=1e-5, pitch=0.005, vertical=1e-4, rate_steps=1e-5, adjacent=0.1)
 COVARIANCE = np.diag(
     np.square(a_lane(centre=0.1, width=0.1, heading=0.01, curvature=1e-3, **SMALL))
@@ -47,7 +48,7 @@ LANE_BEFORE = a_lane(
 
 
 def state_with(**car: float) -> State:
-    estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0)
+    estimate = initial_state(LANE_BEFORE, COVARIANCE, 20.0, SETTINGS)
     places = {"path": PATH, "speed": SPEED, "rest": REST_PITCH, "yaw": CAMERA_YAW}
     for name, value in car.items():
         estimate.mean[places[name]] = value
@@ -67,9 +68,9 @@ def test_straight_driving_along_a_bend():
         road, VehiclePose(100.0, 0.2, -0.01), (1.8, -1.8), time_s=0, pitch_rad=0
     )
     lane = a_lane(centre=-0.2, width=3.6, heading=before.heading_rad, curvature=1 / 400)
-    estimate = initial_state(lane, COVARIANCE, 20.0)
+    estimate = initial_state(lane, COVARIANCE, 20.0, SETTINGS)
     estimate.mean[PATH] = 0.0
-    after = predict(estimate, 0.1).mean
+    after = predict(estimate, 0.1, SETTINGS).mean
     # two metres on: its heading relative to the road changes by 2 / 400, its lateral
     # place by the integral of it
     assert after[HEADING] == pytest.approx(before.heading_rad + 2 / 400, abs=1e-6)
@@ -85,10 +86,12 @@ class TestCameraOfACarInABend:
     @pytest.fixture
     def estimate(self, speed_mps, lever_m) -> State:
         lane = a_lane(centre=0.3, width=3.6, heading=lever_m / 20, curvature=1 / 20)
-        return initial_state(lane, COVARIANCE, speed_mps)
+        return initial_state(lane, COVARIANCE, speed_mps, SETTINGS)
 
     def test_keeps_its_place_in_the_lane(self, estimate):
-        assert predict(estimate, 0.04).mean[CENTRE] == pytest.approx(0.3, abs=1e-3)
+        assert predict(estimate, 0.04, SETTINGS).mean[CENTRE] == pytest.approx(
+            0.3, abs=1e-3
+        )
 
     def test_has_its_angle_in_the_course(self, estimate, lever_m):
         """Errors of heading and path that compensate each other do not make it
@@ -98,7 +101,7 @@ class TestCameraOfACarInABend:
         errors[[HEADING, PATH]] = lever_m, 1
         mean = estimate.mean.copy()
         mean[CAMERA_YAW] += 0.1
-        motion = car_motion(State(mean, np.outer(errors, errors)))
+        motion = car_motion(State(mean, np.outer(errors, errors)), SETTINGS)
         assert motion.course_rad == pytest.approx(0.1 + lever_m / 20, abs=0.02)
         assert motion.course_std_rad == pytest.approx(0.0, abs=0.02)
 
@@ -108,38 +111,38 @@ def test_a_car_begins_at_rest_on_its_springs():
 
 
 def test_the_springs_return_the_pitch_to_rest():
-    after = predict(state_with(rest=0.0), 0.1).mean
+    after = predict(state_with(rest=0.0), 0.1, SETTINGS).mean
     assert 0 < after[PITCH] < LANE_BEFORE[PITCH]
 
 
 def test_the_yaw_of_the_camera_moves_no_lane():
     """The car drives along its lane, which the camera sees turned."""
-    after = predict(state_with(path=2e-3, yaw=0.02), 0.1).mean
+    after = predict(state_with(path=2e-3, yaw=0.02), 0.1, SETTINGS).mean
     assert after[WIDTH] == 3.6
     assert after[CENTRE] == pytest.approx(0.3, abs=1e-9)
 
 
 def test_the_curvature_changes_by_its_rate_times_the_distance():
-    after = predict(state_with(), 0.1).mean
+    after = predict(state_with(), 0.1, SETTINGS).mean
     assert after[CURVATURE] == pytest.approx(2e-3 + 1e-5 * 2)
 
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_track_begins_no_faster_than_its_bend_allows(side):
     lane = a_lane(curvature=side / 24)
-    assert initial_state(lane, COVARIANCE, None).mean[SPEED] <= 12.0
+    assert initial_state(lane, COVARIANCE, None, SETTINGS).mean[SPEED] <= 12.0
 
 
 def test_uncertainty_grows_with_time():
     estimate = state_with()
-    later = predict(estimate, 0.04)
+    later = predict(estimate, 0.04, SETTINGS)
     assert (std_of(later)[:3] > std_of(estimate)[:3]).all()
     np.testing.assert_allclose(later.covariance, later.covariance.T, atol=1e-15)
 
 
 @pytest.mark.parametrize("number", [WIDTH, CURVATURE, RATE])
 def test_a_standing_car_keeps_the_road(number):
-    standing = predict(state_with(speed=0.0), 0.04)
+    standing = predict(state_with(speed=0.0), 0.04, SETTINGS)
     assert std_of(standing)[number] == pytest.approx(std_of(state_with())[number])
 
 
@@ -156,19 +159,21 @@ def test_a_bend_of_24_m_is_driven_with_12_m_per_s_at_most(side):
     predicted = state_with(speed=20.0)
     lane = predicted.lane.copy()
     lane[CURVATURE] = side / 24
-    assert update(predicted, lane, COVARIANCE).mean[SPEED] == pytest.approx(12.0)
+    assert update(predicted, lane, COVARIANCE, SETTINGS).mean[SPEED] == pytest.approx(
+        12.0
+    )
 
 
 def test_update_equals_the_textbook_kalman_update():
     """Against the textbook's formula, with a measurement of the centre alone."""
-    estimate = predict(state_with(), 0.2)
+    estimate = predict(state_with(), 0.2, SETTINGS)
     h = np.zeros(len(estimate.mean))
     h[CENTRE] = 1
     s = h @ estimate.covariance @ h + 0.05**2
     gain = estimate.covariance @ h / s
     mean = estimate.mean + gain * 0.1
     covariance = estimate.covariance - np.outer(gain, gain) * s
-    updated = update(estimate, mean[LANE], covariance[LANE, LANE])
+    updated = update(estimate, mean[LANE], covariance[LANE, LANE], SETTINGS)
     np.testing.assert_allclose(updated.mean, mean, rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(updated.covariance, covariance, rtol=1e-6, atol=1e-12)
 
@@ -211,12 +216,15 @@ def test_the_noise_is_the_same_for_any_frame_rate(curvature):
     """
     lane = a_lane(centre=0.2, width=3.6, heading=curvature / 10, curvature=curvature)
     start = initial_state(
-        lane, np.diag(np.square(a_lane(centre=1e-3, width=1e-3, heading=1e-5))), 15.0
+        lane,
+        np.diag(np.square(a_lane(centre=1e-3, width=1e-3, heading=1e-5))),
+        15.0,
+        SETTINGS,
     )
-    once = predict(start, 0.5)
+    once = predict(start, 0.5, SETTINGS)
     often = start
     for _ in range(30):
-        often = predict(often, 0.5 / 30)
+        often = predict(often, 0.5 / 30, SETTINGS)
     numbers = [
         WIDTH,
         PATH,
@@ -241,15 +249,16 @@ def test_the_jacobian_of_the_transition():
         adjacent=0.1,
     )
     lane[VERTICAL_CURVATURE] = 2e-3, -5e-3, 4e-3, -1e-3
-    mean = initial_state(lane, COVARIANCE, 14.0).mean
+    mean = initial_state(lane, COVARIANCE, 14.0, SETTINGS).mean
     mean[[PATH, REST_PITCH, CAMERA_YAW]] = 1e-3, 2e-3, -3e-3
     steps = np.eye(len(mean)) * 1e-6
     differences = [
-        transition(mean + s, 0.2)[0] - transition(mean - s, 0.2)[0] for s in steps
+        transition(mean + s, 0.2, SETTINGS)[0] - transition(mean - s, 0.2, SETTINGS)[0]
+        for s in steps
     ]
-    found = transition(mean, 0.2)[1]
+    found = transition(mean, 0.2, SETTINGS)[1]
     expected = np.transpose(differences) / 2e-6
-    std = np.sqrt(np.diag(initial_state(lane, COVARIANCE, 14.0).covariance))
+    std = np.sqrt(np.diag(initial_state(lane, COVARIANCE, 14.0, SETTINGS).covariance))
     # how the decay of rate steps and vertical curvatures depends on the speed is left
     # out: it is small beside the noise
     kept = np.ones(len(mean), bool)
