@@ -36,7 +36,7 @@ SURE_CONFIDENCE = 0.9
 WEIGHTS = {
     "constant": -0.74,
     "near std": -2.73,
-    "between": 6.6,
+    "clear share": 6.6,
     "odd width": -0.5,
     "other lanes": -2.44,
     "far lines": 1.13,
@@ -94,7 +94,7 @@ def lane_features(  # noqa: PLR0913 (called by name)
         "near std": float(np.log(max(near_std_m, MIN_NEAR_STD_M))),
         # Tiles and bricks have lines between those of the lane; so have two lanes that
         # are taken for one.
-        "between": float(np.log(clear_share)),
+        "clear share": float(np.log(clear_share)),
         # A crack or kerb taken for a line is seldom a lane's width away from the other
         # line.
         "odd width": usual_width.squared_distance(float(model[WIDTH])),

@@ -612,7 +612,7 @@ def _describe_weakness(lane: Lane, feature: str, pose_advice: str) -> tuple[str,
             return _describe_other_lanes(lane)
         case "odd width":
             return _describe_odd_width(lane, pose_advice)
-        case "between":
+        case "clear share":
             return _describe_clutter(lane, pose_advice)
         case "weaker line":
             left_paint = f"{min(left.support, 1):.0%} of the left"

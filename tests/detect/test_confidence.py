@@ -100,8 +100,8 @@ TURNED = a_lane(centre=0.1, width=3.6, heading=0.05)
             "other lanes",
             0.7,
         ),
-        ({}, {"clear_share": 0.5}, "between", np.log(0.5)),
-        ({"state": TRACKING}, {"clear_share": 0.5}, "between", np.log(0.5)),
+        ({}, {"clear_share": 0.5}, "clear share", np.log(0.5)),
+        ({"state": TRACKING}, {"clear_share": 0.5}, "clear share", np.log(0.5)),
     ],
 )
 def test_what_makes_a_lane_doubtful(of, change, feature, value):
