@@ -162,23 +162,15 @@ class BirdsEyeView:
         """
         factor = height_m / self.height_m
         pose = replace(self.camera.require_pose(), height_m=height_m)
-        view = replace(
-            self,
+        return RescaledView(
             camera=self.camera.with_pose(pose),
             near_m=factor * self.near_m,
             far_m=factor * self.far_m,
+            growth=self.growth,
             half_width_m=factor * self.half_width_m,
             cell_m=factor * self.cell_m,
+            cells_of=self,
         )
-        # the cells are those of this view, so nothing is projected again
-        known = {
-            "x_m": factor * self.x_m,
-            "y_m": factor * self.y_m,
-            "pixels": self.pixels,
-            "seen": self.seen,
-        }
-        vars(view).update(known)
-        return view
 
     def warp(self, image: np.ndarray) -> np.ndarray:
         """The bird's-eye view of a raw image: RGB (rows, columns, 3) uint8.
@@ -258,6 +250,37 @@ class BirdsEyeView:
             position.astype(np.float32), None, cv2.CV_16SC2
         )
         return LookupTable(reduction, rows, *maps)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RescaledView(BirdsEyeView):
+    """A view with the image cells of another one, for another height of the camera.
+
+    Nothing is projected again. See `BirdsEyeView.at_height`.
+    """
+
+    cells_of: BirdsEyeView
+
+    @cached_property
+    def _factor(self) -> float:
+        """Distances of this view relative to those of the other one."""
+        return self.height_m / self.cells_of.height_m
+
+    @cached_property
+    def x_m(self) -> np.ndarray:
+        return self._factor * self.cells_of.x_m
+
+    @cached_property
+    def y_m(self) -> np.ndarray:
+        return self._factor * self.cells_of.y_m
+
+    @cached_property
+    def pixels(self) -> np.ndarray:
+        return self.cells_of.pixels
+
+    @cached_property
+    def seen(self) -> np.ndarray:
+        return self.cells_of.seen
 
 
 def lightness(view_image: np.ndarray) -> np.ndarray:
