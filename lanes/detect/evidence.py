@@ -23,7 +23,7 @@ double line the other.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache, reduce
 from math import lcm
 
@@ -150,13 +150,17 @@ class Stripes:
 
     def select(self, which: np.ndarray) -> Stripes:
         """The stripes that `which` (bool or index) picks."""
-        return Stripes(**{name: array[which] for name, array in vars(self).items()})
+        selected = {}
+        for entry in fields(self):
+            selected[entry.name] = getattr(self, entry.name)[which]
+        return Stripes(**selected)
 
     def joined(self, other: Stripes) -> Stripes:
         """These stripes, then the others."""
         joined = {}
-        for name, array in vars(self).items():
-            joined[name] = np.concatenate([array, getattr(other, name)])
+        for entry in fields(self):
+            arrays = [getattr(self, entry.name), getattr(other, entry.name)]
+            joined[entry.name] = np.concatenate(arrays)
         return Stripes(**joined)
 
 
