@@ -15,11 +15,12 @@ from importlib import import_module
 from io import BufferedIOBase, BufferedWriter, RawIOBase, StringIO, TextIOWrapper
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any
-
-from tqdm import tqdm
+from typing import TYPE_CHECKING, Any
 
 from lanes.errors import PoseError
+
+if TYPE_CHECKING:
+    from tqdm import tqdm
 
 
 def require_opencv() -> None:
@@ -91,6 +92,8 @@ def progress_bar(
     """A bar on stderr with rate and remaining time, if that is a terminal or a
     notebook.
     """
+    from tqdm import tqdm  # late: help and wrong usage need no bar
+
     # A notebook's stderr also handles the carriage return. Text needs no ipywidgets.
     in_notebook = type(sys.stderr).__module__.startswith("ipykernel")
     interactive = sys.stderr.isatty() or in_notebook
