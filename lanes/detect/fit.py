@@ -250,12 +250,14 @@ def near_stripes(stripes: Stripes, settings: FitSettings) -> Stripes:
 
 def fit_starts(
     starts: np.ndarray,
+    near: Stripes,
     stripes: Stripes,
     view: BirdsEyeView,
     settings: FitSettings,
     usual_width: UsualWidth | None = None,
 ) -> tuple[Fit, Fit]:
-    """Fit start hypotheses (K, 15) to the near stripes, and the best to all: both fits.
+    """Fit start hypotheses (K, 15) to the `near` stripes, and the best to all: both
+    fits.
 
     The second is that of one lane, the best of three. The best lane has the largest sum
     of the square roots of its lines' supports, less the cost of a width that is odd in
@@ -263,20 +265,14 @@ def fit_starts(
     leaves many stripes nearby unexplained, it is also fitted as a road that undulates.
     """
     # all hypotheses near the car
-    near = fit_lanes(
-        starts,
-        near_stripes(stripes, settings),
-        view,
-        settings,
-        schedule=settings.start,
-    )
-    marked = (near.weight[:, None] * near.on_line).sum(-1)
+    begun = fit_lanes(starts, near, view, settings, schedule=settings.start)
+    marked = (begun.weight[:, None] * begun.on_line).sum(-1)
     near_rows = int((view.x_m < settings.start[-1][0]).sum())
-    cost = np.sqrt(near_rows) * _width_costs(near.lanes, usual_width)
-    order = _best_first(near.lanes, np.sqrt(marked).sum(-1) - cost)
+    cost = np.sqrt(near_rows) * _width_costs(begun.lanes, usual_width)
+    order = _best_first(begun.lanes, np.sqrt(marked).sum(-1) - cost)
 
     # the best three outwards
-    fits = fit_lanes(near.lanes[order[:3]], stripes, view, settings)
+    fits = fit_lanes(begun.lanes[order[:3]], stripes, view, settings)
     scores = np.sqrt(fits.support).sum(1) - _width_costs(fits.lanes, usual_width)
     best = _best_first(fits.lanes, scores)[:1]
     residuals = stripe_residuals(fits.lanes[best], stripes, view.height_m)
@@ -289,7 +285,7 @@ def fit_starts(
         settings=settings,
     )
     if not fit.unexplained[0]:
-        return near, fit
+        return begun, fit
 
     # a standard deviation of 4e-3 1/m: crests and dips with a radius of 250 m
     undulating = fit_lanes(
@@ -301,7 +297,7 @@ def fit_starts(
         extra_vertical_per_m=4e-3,
     )
     gain = undulating.explained[0] - fit.explained[0]
-    return near, undulating if gain > settings.undulation_gain else fit
+    return begun, undulating if gain > settings.undulation_gain else fit
 
 
 def _width_costs(lanes: np.ndarray, usual: UsualWidth | None) -> np.ndarray:

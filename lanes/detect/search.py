@@ -360,15 +360,16 @@ def search_lane(
     `usual_width` is that of the drive, if it is known.
     """
     stripes = evidence.stripes
-    if not len(near_stripes(stripes, settings.fit)):
+    near = near_stripes(stripes, settings.fit)
+    if not len(near):
         return StillDetection(evidence, settings)
     votes, starts = vote_lanes(
         stripes, evidence.view, settings.fit.prior, settings.votes, usual_width
     )
-    near, fit = fit_starts(
-        starts, stripes, evidence.view, settings.fit, usual_width=usual_width
+    begun, fit = fit_starts(
+        starts, near, stripes, evidence.view, settings.fit, usual_width=usual_width
     )
-    search = Search(votes, near, fit)
+    search = Search(votes, begun, fit)
     if not fit.seen[0]:
         return StillDetection(evidence, settings, search)
     return StillDetection(evidence, settings, search, _found_lane(fit, evidence))
@@ -408,11 +409,11 @@ def clear_share(fit: Fit) -> float:
     side = fit.residuals.side[0]
     inwards_m = -side * fit.residuals.residual_m[0]
     of_lane = (fit.stripes.x_m < CLUTTER_FAR_M) & (np.abs(side) == 1)
-    between = of_lane & (inwards_m > CLUTTER_FROM_M)
+    is_clutter = of_lane & (inwards_m > CLUTTER_FROM_M)
     # stripes that run across the lane do not count
     any_distance = np.full(len(side), np.inf)
     along = fit.residuals.weights(any_distance)[0]
-    clutter = float(fit.stripes.weight @ (between * along))
+    clutter = float(fit.stripes.weight @ (is_clutter * along))
     on_lines = CLUTTER_STRIPES + float(fit.weight[0] @ of_lane)
     return on_lines / (on_lines + clutter)
 

@@ -10,7 +10,14 @@ import pytest
 from lanes.camera.model import Camera, CameraPose
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, Stripes, strength_weight
-from lanes.detect.fit import Fit, FitSettings, fit_lanes, fit_starts, predicted_prior
+from lanes.detect.fit import (
+    Fit,
+    FitSettings,
+    fit_lanes,
+    fit_starts,
+    near_stripes,
+    predicted_prior,
+)
 from lanes.detect.residuals import flatten, intersect_ground, stripe_residuals
 from lanes.detect.road import (
     CENTRE,
@@ -85,7 +92,8 @@ def stripes_on(
 def found_in(stripes) -> Fit:
     """The lane that a search finds in stripes."""
     _, starts = vote_lanes(stripes, VIEW, PRIOR, VoteSettings())
-    _, fit = fit_starts(starts, stripes, VIEW, FIT)
+    near = near_stripes(stripes, FIT)
+    _, fit = fit_starts(starts, near, stripes, VIEW, FIT)
     return fit
 
 
