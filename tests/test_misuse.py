@@ -292,6 +292,13 @@ CALLS: dict[str, tuple[str, Callable[[], object]]] = {
     "a camera to annotate": (STREAMS, lambda: lanes.annotate(0, "out")),
     "two cameras to annotate": (STREAMS, lambda: lanes.annotate([0, 1], "out")),
     "a camera to calibrate": (STREAMS, lambda: lanes.calibrate(None)),
+    "a camera to read": (STREAMS, lambda: next(lanes.read_video(0))),
+    "a camera to process": (
+        STREAMS,
+        lambda: lanes.process_video(0, "out.mp4", lambda image: image),
+    ),
+    "a camera for a pose": (STREAMS, lambda: lanes.estimate_pose(0)),
+    "two cameras for a pose": (STREAMS, lambda: lanes.estimate_pose([0, 1])),
     "a camera for a camera file": (STREAMS, lambda: lanes.load_camera(0)),
     "no image": ("no picture was given", lambda: lanes.estimate_pose([])),
 }

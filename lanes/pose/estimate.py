@@ -61,7 +61,7 @@ from lanes.pose.votes import (
     weighted_median,
 )
 from lanes.video.images import require_rgb
-from lanes.video.sources import find_sources, require_topic, sample_images
+from lanes.video.sources import find_sources, list_paths, require_topic, sample_images
 
 # 12 ft, the lane of US Interstates (AASHTO, A Policy on Design Standards: Interstate
 # System). Motorway lanes elsewhere are 3.50 to 3.75 m wide, hence the standard
@@ -564,14 +564,16 @@ def ensure_pose(
 
 def _list_images(source: Any) -> tuple[Sequence[Path], Iterator[np.ndarray]]:
     """The files of a source of `estimate_pose`, or its images."""
-    if isinstance(source, str | Path | np.ndarray):
-        source = [source]
+    if isinstance(source, np.ndarray):
+        return [], iter([source])
+    if isinstance(source, str | Path) or not isinstance(source, Iterable):
+        return find_sources(list_paths(source)).files, iter(())
     items = iter(source)
     first = list(islice(items, 1))
     items = chain(first, items)
     if not first or isinstance(first[0], np.ndarray):
         return [], items
-    return find_sources(map(str, items)).files, iter(())
+    return find_sources(list_paths(items)).files, iter(())
 
 
 def _resize(

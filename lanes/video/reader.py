@@ -29,7 +29,7 @@ from av.video.reformatter import VideoReformatter
 from lanes.console import progress_bar
 from lanes.equality import ByValue
 from lanes.errors import VideoError, require_number
-from lanes.files import require_file
+from lanes.files import require_file, require_path
 from lanes.recording import (
     CLOCK_RESET_S,
     JUMP_FRAMES,
@@ -674,6 +674,7 @@ def read_video(
     """Yield the RGB images (height, width, 3), uint8, of `read_timed_frames`;
     parameters and exceptions as there.
     """
+    require_path(path)
     for frame in read_timed_frames(path, start_s=start_s, end_s=end_s):
         yield frame.image
 

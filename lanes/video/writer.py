@@ -27,7 +27,12 @@ import numpy as np
 from av.container import InputContainer, OutputContainer
 
 from lanes.errors import PictureError, VideoError, require_number
-from lanes.files import TelemetryWriter, atomic_write, translate_write_errors
+from lanes.files import (
+    TelemetryWriter,
+    atomic_write,
+    require_path,
+    translate_write_errors,
+)
 from lanes.recording import CLOCK_RESET_S, MAX_FPS, MIN_FPS
 from lanes.video.images import is_rgb, require_rgb
 from lanes.video.reader import (
@@ -478,6 +483,7 @@ def process_video(
     start_s = require_number(start_s, "start_s")
     if end_s is not None:
         end_s = require_number(end_s, "end_s", finite=False)
+    require_path(source)
     info = info or inspect_video(source)
     with translate_write_errors(Path(target)):
         same = Path(target).exists() and os.path.samefile(source, target)
