@@ -1,6 +1,7 @@
 """The lane over time: a state machine around the Kalman filter.
 
-    view -> evidence -> predict -> measure -> update -> search, if due -> Lane
+    view -> evidence -> search, if due
+    -> predict -> measure -> update -> compare -> Lane
 
 While the lane is tracked, the search without memory runs once in a while as a
 challenger, so that a wrong lane does not stay. The estimate of a frame uses that frame
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -179,6 +181,13 @@ class SearchSchedule:
     def pose_tried(self) -> None:
         """Another pose is looked for in this frame."""
         self._since_pose_s = 0.0
+
+
+class Due(NamedTuple):
+    """What is due in a frame: a search, and the network in its evidence."""
+
+    search: bool
+    network: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -369,48 +378,20 @@ class LaneTracker:
         LaneError
             If `elapsed_s` is not a number, or `markings` returns no mask.
         """
-        image = self.view.camera.require_size(image)
+        image = self.camera.require_size(image)
         elapsed_s = self._time_to_predict(elapsed_s)
-        if self._repeats(image) and (self._repeated_s or self._sees_lane()):
+        if self._is_repeated(image):
             self._wait(elapsed_s)
             return self.lane
+
         self._unpredicted_s = self._repeated_s = 0.0
         elapsed_s = self._begin_frame(elapsed_s)
-
-        # what is due in this frame: a search, and the network
-        is_sure = self._is_seen() and self._confidence() >= SURE_CONFIDENCE
-        is_due = self._schedule.is_search_due(sure=is_sure)
-        if is_due:
-            self._schedule.searched()
-        is_unseen = not self._is_seen() and self._schedule.slowdown == 1.0
-        is_searched = is_due or is_unseen
-        evidence = self._find_evidence(
-            image, wide=is_searched, full=is_due and not is_sure
-        )
-
-        # without what never moves, if the lane is found without it
-        is_static, is_sample = self._static.update(
-            evidence.stripes, evidence.view, elapsed_s
-        )
-        moving = evidence
-        challenger = None
-        if is_static.any():
-            moving = replace(evidence, stripes=evidence.stripes.select(~is_static))
-            if is_searched or (is_sample and not self._lane_moves):
-                challenger = self._search(moving)
-                self._judge_static(challenger)
-            if not self._lane_moves:
-                moving = evidence
-        if is_searched and moving is evidence:
-            challenger = self._search(evidence)
-        self.evidence = moving
-
-        # the track in this frame, and the lane of the search as its challenger
+        due = self._plan_frame()
+        evidence = self._find_evidence(image, due)
+        self.evidence, challenger = self._search_evidence(evidence, due, elapsed_s)
         if self._track:
-            self._track = self._follow(self._track, self.evidence, elapsed_s)
-            if self._track is None:
-                self._forget_lane()
-        if is_searched:
+            self._keep(self._follow(self._track, self.evidence, elapsed_s))
+        if due.search:
             self._track = self._compare(self._track, challenger)
         self._learn_width(elapsed_s)
         self._try_other_pose(image, elapsed_s)
@@ -423,8 +404,16 @@ class LaneTracker:
         elapsed_s = require_number(elapsed_s, "elapsed_s", finite=False)
         return self._unpredicted_s + elapsed_s
 
-    def _repeats(self, image: np.ndarray) -> bool:
-        """Whether the image equals the last one, which is then no measurement."""
+    def _is_repeated(self, image: np.ndarray) -> bool:
+        """Whether the image is no measurement, because it equals the last one.
+
+        Of a lane that is not seen it is one, except where the picture stands still.
+        """
+        stands_still = self._repeated_s != 0
+        return self._equals_last(image) and (stands_still or self._sees_lane())
+
+    def _equals_last(self, image: np.ndarray) -> bool:
+        """Whether the image equals the last one, which is remembered."""
         # every eighth row tells images apart by their noise, and costs little
         rows = image[::8]
         is_equal = self._last_rows is not None and np.array_equal(rows, self._last_rows)
@@ -446,9 +435,7 @@ class LaneTracker:
         self._unpredicted_s = 0.0
         elapsed_s = self._begin_frame(elapsed_s)
         if self._track:
-            self._track = self._predict_only(self._track, elapsed_s)
-            if self._track is None:
-                self._forget_lane()
+            self._keep(self._predict_only(self._track, elapsed_s))
 
     def _predict_only(self, track: Track, elapsed_s: float) -> Track | None:
         """The track after some time without a measurement; None if it is given up."""
@@ -476,6 +463,22 @@ class LaneTracker:
         self._schedule.advance(elapsed_s)
         return elapsed_s
 
+    def _plan_frame(self) -> Due:
+        """What is due in this frame."""
+        is_seen = self._is_seen()
+        is_sure = is_seen and self._confidence() >= SURE_CONFIDENCE
+        is_due = self._schedule.is_search_due(sure=is_sure)
+        if is_due:
+            self._schedule.searched()
+        is_lost = not is_seen and self._schedule.slowdown == 1.0
+        return Due(search=is_due or is_lost, network=is_due and not is_sure)
+
+    def _keep(self, track: Track | None) -> None:
+        """Go on with a track; without one, search from scratch."""
+        self._track = track
+        if track is None:
+            self._forget_lane()
+
     def _confidence(self) -> float:
         """Confidence of the lane that is followed; 0 without one."""
         return self.tracked_lane.confidence if self.tracked_lane else 0.0
@@ -491,18 +494,38 @@ class LaneTracker:
         """Whether there is a track, and it saw its lane in the last frame."""
         return self._track is not None and not self._track.unseen_s
 
-    def _find_evidence(self, image: np.ndarray, *, wide: bool, full: bool) -> Evidence:
-        """The evidence in a `wide` or the narrowest view; `full`: with the network."""
-        least = self.view if wide else self._views[0]
+    def _find_evidence(self, image: np.ndarray, due: Due) -> Evidence:
+        """The evidence in the narrowest view; in a wide one for a search."""
+        least = self.view if due.search else self._views[0]
         evidence = find_evidence(
             image,
             self._narrowest_view(self.tracked_lane, least),
             self.settings.detector.paint,
             markings=self.markings,
-            quick=not full,
+            quick=not due.network,
         )
         shift = evidence.confidence_shift + self._confidence_shift
         return replace(evidence, confidence_shift=shift)
+
+    def _search_evidence(
+        self, evidence: Evidence, due: Due, elapsed_s: float
+    ) -> tuple[Evidence, Lane | None]:
+        """The evidence that counts, and the lane of the search, if one is due.
+
+        What never moves does not count, if the lane is found without it.
+        """
+        is_static, is_sample = self._static.update(
+            evidence.stripes, evidence.view, elapsed_s
+        )
+        if is_static.any():
+            found = None
+            moving = replace(evidence, stripes=evidence.stripes.select(~is_static))
+            if due.search or (is_sample and not self._lane_moves):
+                found = self._search(moving)
+                self._judge_static(found)
+            if self._lane_moves:
+                return moving, found
+        return evidence, self._search(evidence) if due.search else None
 
     def _judge_static(self, moving: Lane | None) -> None:
         """Decide whether what never moves is left out, by the lane found without it.
