@@ -19,7 +19,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from lanes import __version__
-from lanes.annotation import Annotation, DriveOptions, DriveSettings
+from lanes.annotation import Annotation, DriveSettings
 from lanes.camera.calibration import (
     BoardDetections,
     calibrate,
@@ -290,6 +290,7 @@ class Annotate:
             for video in sources.videos:
                 outputs.append(manifest_path(video, options.output))
         settings = _read_settings(options, sources, outputs)
+        settings = replace(settings, style=options.style, report=options.report)
 
         def say(words: str) -> None:
             if not options.quiet:
@@ -720,9 +721,17 @@ def _add_drive_options(parser: argparse.ArgumentParser, *, each: bool = False) -
 def add_lens(parser: argparse._ActionsContainer) -> None:
     """Add the options for lens and place of the camera, --topic and --markings.
 
-    Options of a drive that the command does not have get their defaults.
+    Options that the command does not have, and that the settings depend on, get their
+    defaults.
     """
-    parser.set_defaults(quiet=False, **vars(DriveOptions()))
+    parser.set_defaults(
+        quiet=False,
+        each=False,
+        start_s=0.0,
+        end_s=None,
+        lane_width_m=None,
+        height_m=None,
+    )
     lens = parser.add_mutually_exclusive_group()
     words = "camera file written by `calibrate` or `pose`"
     lens.add_argument("--camera", type=Path, metavar="YAML", help=words)
@@ -860,10 +869,8 @@ def _read_settings(
         field=field,
         camera_options=_camera_options(options),
         each=options.each,
-        style=options.style,
         start_s=options.start_s,
         end_s=options.end_s,
-        report=options.report,
         progress=not options.quiet,
         topic=options.topic,
         markings=markings,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from collections.abc import Collection
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from lanes.camera.field_of_view import FieldOfView
 from lanes.camera.model import Camera
@@ -15,10 +16,41 @@ from lanes.pose.estimate import PoseEstimate
 from lanes.telemetry import Telemetry
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveOptions:
-    """The keyword options of `lanes.annotate`, which describes them."""
+class AnnotateOptions(TypedDict, total=False):
+    """The keyword options of `lanes.annotate`, which describes them.
 
+    `DriveSettings` has the same names, and the defaults.
+    """
+
+    each: bool
+    style: str
+    start_s: float
+    end_s: float | None
+    report: bool
+    progress: bool
+    topic: str | None
+    markings: Markings | None
+    camera_offset_m: float | None
+    car_width_m: float | None
+    lane_width_m: float | None
+    height_m: float | None
+    speed_mps: float | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DriveSettings:
+    """How drives and stills are annotated; can be sent to another process.
+
+    `field`, of an uncalibrated lens, is used if there is no `camera`, not even one in a
+    robot log. `camera_options` are those of the command line that name the camera, for
+    the commands in the report.
+    """
+
+    output: Path
+    camera: Camera | None = None
+    field: FieldOfView | None = None
+    camera_options: str = ""
+    # the options of `lanes.annotate`
     each: bool = False
     style: str = "lane"
     start_s: float = 0.0
@@ -34,32 +66,15 @@ class DriveOptions:
     speed_mps: float | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class DriveSettings(DriveOptions):
-    """How drives and stills are annotated; can be sent to another process.
-
-    `field`, of an uncalibrated lens, is used if there is no `camera`, not even one in a
-    robot log.
-    """
-
-    output: Path
-    camera: Camera | None = None
-    field: FieldOfView | None = None
-    # The options of the command line that name the camera, for the commands in the
-    # report.
-    camera_options: str = ""
-
-
-def require_options(options: dict[str, Any]) -> DriveOptions:
-    """The options by their names; raises LaneError for one that does not exist."""
-    known = {field.name for field in fields(DriveOptions)}
-    unknown = sorted(options.keys() - known)
+def require_options(options: Collection[str]) -> None:
+    """Raise LaneError for an option that `lanes.annotate` does not have."""
+    known = AnnotateOptions.__annotations__.keys()
+    unknown = sorted(set(options) - known)
     if unknown:
         raise LaneError(
             f"annotate has no option {', '.join(unknown)}; its options are "
             f"{', '.join(sorted(known))}."
         )
-    return DriveOptions(**options)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,13 +14,18 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from platform import python_version
-from typing import Any
+from typing import Any, Unpack
 
 import av
 import cv2
 import numpy as np
 
-from lanes.annotation import Annotation, DriveSettings, require_options
+from lanes.annotation import (
+    AnnotateOptions,
+    Annotation,
+    DriveSettings,
+    require_options,
+)
 from lanes.camera.field_of_view import find_field_of_view
 from lanes.camera.model import Camera, CameraPose, require_camera
 from lanes.describe import describe_offset
@@ -77,7 +82,7 @@ def annotate(
     sources: str | Path | Iterable[str | Path],
     output: str | Path,
     camera: Camera | None = None,
-    **options: Any,
+    **options: Unpack[AnnotateOptions],
 ) -> list[Annotation]:
     """Draw the lane on videos and stills, and write its telemetry.
 
@@ -131,17 +136,16 @@ def annotate(
     ValueError
         If an output would overwrite a source or another output.
     """
-    checked = require_options(options)
+    require_options(options)
+    topic = options.get("topic")
     found = find_sources(list_paths(sources)).warn()
-    require_topic(found.videos, checked.topic)
+    require_topic(found.videos, topic)
     field = None
     if camera is None:
-        field = find_field_of_view(found.files, checked.topic).warn()
+        field = find_field_of_view(found.files, topic).warn()
     else:
         require_camera(camera)
-    settings = DriveSettings(
-        output=Path(output), camera=camera, field=field, **vars(checked)
-    )
+    settings = DriveSettings(output=Path(output), camera=camera, field=field, **options)
 
     results: list[Annotation] = []
     failures: list[Exception] = []

@@ -9,11 +9,13 @@ import re
 import warnings
 from dataclasses import replace
 from pathlib import Path
+from typing import get_type_hints
 
 import numpy as np
 import pytest
 
 import lanes
+from lanes.annotation import AnnotateOptions, DriveSettings
 from lanes.camera.model import save_camera
 from lanes.video.images import write_image
 from tests.support.clips import FPS, write_clip
@@ -33,6 +35,22 @@ def drive(tmp_path_factory) -> Path:
         tmp_path_factory.mktemp("door") / "drive.mp4",
         map(BENDS.frame, np.arange(12) / FPS),
     )
+
+
+OPTIONS = get_type_hints(AnnotateOptions)
+
+
+def test_each_option_of_annotate_has_the_type_of_its_setting():
+    settings = get_type_hints(DriveSettings)
+    for name in ("output", "camera", "field", "camera_options"):
+        del settings[name]
+    assert settings == OPTIONS
+
+
+@pytest.mark.parametrize("name", OPTIONS)
+def test_each_option_of_annotate_is_described(name):
+    described = re.findall(r"^    ([\w, ]+) : ", lanes.annotate.__doc__, re.MULTILINE)
+    assert name in ", ".join(described).split(", ")
 
 
 def test_a_path_stands_for_its_image(still):
