@@ -229,7 +229,7 @@ class TestAnotherPoseOnTheWay:
     def result(self, drive, tmp_path, monkeypatch, assumed, asked_m) -> Annotation:
         still = detect_still(BENDS.frame(0), SMALL)
 
-        def estimate(image, camera, drive, **_) -> PoseEstimate:
+        def estimate(image, camera, drive, settings, **_) -> PoseEstimate:
             asked_m.append(drive.known_height_m)
             return replace(assumed, still=still)
 

@@ -1,6 +1,4 @@
-"""Results in one image: the lines and their standard deviations, against drawn lanes,
-and the telemetry.
-"""
+"""Results in one image: the lines and their standard deviations, against drawn lanes."""
 
 from __future__ import annotations
 
@@ -154,41 +152,9 @@ def test_coefficients_are_a_taylor_series_of_the_line_at_the_car():
         ] == [c0, c1, c2, c3]
 
 
-# docs/conventions.md; other programs read them by name.
-COLUMNS = """
-state confidence confident_to_m offset_m offset_std_m heading_rad curvature_per_m curvature_std_per_m lane_width_m pitch_rad
-camera_yaw_rad left_c0_m left_c1 left_c2_per_m left_c3_per_m2 left_kind left_colour left_double right_c0_m right_c1
-right_c2_per_m right_c3_per_m2 right_kind right_colour right_double far_left_c0_m far_right_c0_m departure
-pose_height_m pose_pitch_rad pose_yaw_rad pose_roll_rad
-"""
-
-
-def test_the_telemetry_of_a_lane_and_of_none():
-    row = telemetry_row(BENT)
-    lost = telemetry_row(None)
-    assert list(row) == list(lost) == COLUMNS.split()
-    assert (
-        row["offset_m"],
-        row["lane_width_m"],
-        row["curvature_per_m"],
-    ) == pytest.approx((-0.4, 3.4, 1 / 79.6))
-    assert (row["offset_std_m"], row["curvature_std_per_m"]) == pytest.approx(
-        (0.02, 2e-4)
-    )
+def test_a_lane_and_its_lines_are_described_in_words():
     assert BENT.summary()["bend"] == "bends left, R 80 m (12.56 ± 0.20 per km)"
     assert (
         BENT.right.describe()
         == "1.36 ± 0.03 m right, white dashed, paint on 30% of its rows, up to 30 m"
     )
-    assert (row["left_kind"], row["left_colour"], row["left_double"]) == (
-        "solid",
-        "yellow",
-        True,
-    )
-    assert (row["right_kind"], row["right_colour"], row["right_double"]) == (
-        "dashed",
-        "white",
-        False,
-    )
-    assert (lost.pop("state"), lost.pop("confidence")) == ("lost", 0.0)
-    assert set(lost.values()) == {None}
