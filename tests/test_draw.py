@@ -139,6 +139,39 @@ def test_nothing_is_drawn_on_the_bonnet(start_m):
     assert (drawn[first - 10] != IMAGE[first - 10]).any()
 
 
+def begins_m(outline: np.ndarray) -> float:
+    """Distance ahead of the lowest pixel of an outline."""
+    lowest = outline[outline[:, 1].argmax()]
+    return SMALL.pixels_to_road(lowest[None])[0, 0]
+
+
+def started(left_m: float, right_m: float) -> Lane:
+    """The lane whose lines have their nearest markings at these distances."""
+    left, right = LANE.evidence
+    left = replace(left, start_m=left_m)
+    return replace(LANE, evidence=(left, replace(right, start_m=right_m)))
+
+
+@pytest.mark.parametrize("starts_m", [(7.5, 5.0), (5.0, 7.5)])
+def test_each_line_and_the_area_begin_where_the_bonnet_ends(starts_m):
+    """From the side of the car, the bonnet hides one line farther than the other."""
+    outline = lane_outline(started(*starts_m), SMALL)
+
+    assert [begins_m(ribbon) for ribbon in outline.ribbons] == pytest.approx(
+        starts_m, abs=0.3
+    )
+    is_left = outline.area[:, 0] < pixel_at(8.0, -0.3)[0]
+    sides = [outline.area[is_left], outline.area[~is_left]]
+    assert [begins_m(side) for side in sides] == pytest.approx(starts_m, abs=0.3)
+
+
+def test_a_line_whose_dashes_are_far_away_begins_with_the_other():
+    ribbons = lane_outline(started(5.0, 12.0), SMALL).ribbons
+    assert [begins_m(ribbon) for ribbon in ribbons] == pytest.approx(
+        [5.0, 5.0], abs=0.3
+    )
+
+
 def test_the_nearest_marking_that_was_seen_is_kept():
     assert 4.0 < min(line.start_m for line in LANE.evidence) < 6.5
 

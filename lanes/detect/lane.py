@@ -496,8 +496,9 @@ class Lane(ByValue):
         """The far lines of the adjacent lanes to the left and to the right.
 
         None for a line that is not seen. A lane that is uncertain or predicted has
-        none. A tracker sees them in its searches, once a second; in between `reach_m`
-        is the end that was seen last. Type and support are those of one image.
+        none. A tracker sees them in its searches, once a second, and states those that
+        two searches or more found; in between `reach_m` is the end that was seen last.
+        Type and support are those of one image.
         """
         if self.state in (COASTING, FROZEN) or self.confidence < LIKELY_CONFIDENCE:
             return None, None

@@ -11,7 +11,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
-from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -49,9 +48,12 @@ COLOURS: Palette = {
 }
 # A line that is seen up to the border of the image is drawn from this distance on,
 # which is below it. The border has this share of the image's shorter side. Otherwise
-# the bonnet or a car hides the road before the nearest marking.
+# the bonnet hides the road before the nearest marking.
 NEAREST_M = 0.5
 BORDER_SHARE = 0.02
+# Seen from the side of the car, the bonnet hides one line farther than the other, by
+# this distance at most.
+BONNET_M = 3.0
 # Points of the outlines, at distances that grow by a factor that falls with the
 # distance, because distant bends look sharpest in the image: 24 points deviate by less
 # than 0.4 px from bends of 150 m radius over 60 m.
@@ -231,19 +233,21 @@ def _draw_lines(
 
 
 def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneOutline:
-    """The drawn parts of a lane: each line up to its farthest marking, the area up to
-    the nearer end of both.
+    """The drawn parts of a lane.
 
-    A line without markings ends with the other one. See `draw_lane`.
+    Each line is drawn from its nearest to its farthest marking, the area up to the
+    nearer end of both. A line without markings begins and ends with the other one. See
+    `draw_lane`.
     """
-    start_m = _start_m(lane, camera)
-    ends_m = [max(end_m, start_m) for end_m in lane.ends_m]
-    farthest_m = max(ends_m)
-    if farthest_m <= start_m:
+    starts_m = _starts_m(lane)
+    ends_m = np.maximum(lane.ends_m, starts_m)
+    farthest_m = ends_m.max()
+    if farthest_m <= starts_m.min():
         return LaneOutline()
-    along_m = start_m * (farthest_m / start_m) ** SHARES
-    along_m = np.append(np.minimum(along_m, farthest_m), min(ends_m))
-    along_m.sort()
+    along_m = NEAREST_M * (farthest_m / NEAREST_M) ** SHARES
+    along_m = np.minimum(along_m, farthest_m)
+    # in ascending order
+    along_m = np.unique(np.concatenate([along_m, starts_m, ends_m]))
 
     # the outer edge of each ribbon, or the thin line, and the inner edges
     likely = lane.confidence >= LIKELY_CONFIDENCE
@@ -256,19 +260,24 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
     pixels = project_lines(lane.model, sides.ravel(), camera, along_m)
     outer, inner = pixels.reshape(2, 2, -1, 2)
 
-    # each line up to its end
+    # each line from its start to its end
     ribbons = [NO_POINTS, NO_POINTS]
     thin = [NO_POINTS, NO_POINTS]
-    counts = np.searchsorted(along_m, ends_m, side="right").tolist()
-    for k, count in enumerate(counts):
+    starts = np.searchsorted(along_m, starts_m).tolist()
+    ends = np.searchsorted(along_m, ends_m, side="right").tolist()
+    for k in range(2):
+        if _is_at_border(outer[k, starts[k]], camera):
+            starts[k] = 0
+        part = slice(starts[k], ends[k])
         if seen[k]:
-            ribbons[k] = _polygon_between(outer[k, :count], inner[k, :count])
+            ribbons[k] = _polygon_between(outer[k, part], inner[k, part])
         else:
-            thin[k] = visible_part(outer[k, :count])
+            thin[k] = visible_part(outer[k, part])
     area = NO_POINTS
     if likely:
-        left, right = inner[:, : min(counts)]
-        area = _polygon_between(left, right)
+        left, right = inner
+        end = min(ends)
+        area = _polygon_between(left[starts[0] : end], right[starts[1] : end])
     return LaneOutline(area, ribbons, thin)
 
 
@@ -277,19 +286,24 @@ def _polygon_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.concatenate([visible_part(one), visible_part(other)[::-1]])
 
 
-def _start_m(lane: Lane, camera: Camera) -> float:
-    """Where the drawing begins: at the nearest marking seen, or below the image if that
-    is at the image's border.
+def _starts_m(lane: Lane) -> np.ndarray:
+    """Distances (2,) at which the left and the right line begin: at the nearest marking
+    seen, where the bonnet ends.
+
+    A line whose dashes are all far away begins with the other one.
     """
-    marked = [line for line in lane.lines if line.start_m]
-    if not marked:
-        return NEAREST_M
-    nearest = min(marked, key=attrgetter("start_m"))
-    along_m = nearest.start_m * np.array([1.0, 1.1])
-    first = nearest.pixels(camera, along_m=along_m)[:1]
+    marked_m = [line.start_m for line in lane.lines if line.start_m]
+    nearest_m = min(marked_m, default=NEAREST_M)
+    starts_m = np.array([line.start_m for line in lane.lines])
+    is_beside = np.abs(starts_m - nearest_m) <= BONNET_M
+    return np.where(is_beside, starts_m, nearest_m)
+
+
+def _is_at_border(pixel: np.ndarray, camera: Camera) -> bool:
+    """Whether a pixel (u, v) is outside of the image or near its border."""
     margin_px = BORDER_SHARE * min(camera.size)
-    inside = (first > margin_px) & (first < np.array(camera.size) - margin_px)
-    return nearest.start_m if inside.all() else NEAREST_M
+    inside = (pixel > margin_px) & (pixel < np.array(camera.size) - margin_px)
+    return not inside.all()
 
 
 def describe_lane(lane: Lane | None) -> list[str]:

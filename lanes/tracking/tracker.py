@@ -29,7 +29,6 @@ from lanes.detect.lane import (
     FROZEN,
     SEARCHING,
     TRACKING,
-    FarEvidence,
     Lane,
     LineEvidence,
     stated,
@@ -57,6 +56,7 @@ from lanes.errors import LaneError, require_number, require_type
 from lanes.telemetry import LOST
 from lanes.tracking.departure import DepartureWatch
 from lanes.tracking.drive_width import DriveWidth
+from lanes.tracking.far_lines import FarLines
 from lanes.tracking.filter import (
     CAMERA_YAW,
     MAX_SPEED_MPS,
@@ -77,8 +77,6 @@ from lanes.tracking.static_pattern import StaticPattern
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
 # Margin of the narrowest view around these positions.
 VIEW_MARGIN_M = 0.8
-# Far lines are dropped when they end nearer than this, where they leave the image.
-LEAST_FAR_REACH_M = 12.0
 # The car is in the adjacent lane when its middle is so far beyond the line: a
 # hysteresis, so that the lane does not change back and forth.
 BEYOND_LINE_M = 0.1
@@ -197,6 +195,7 @@ class Track:
     estimate: State
     lane: Lane
     departure: DepartureWatch
+    far: FarLines = FarLines()
     # Searches that found the lane.
     confirmed: int = 1
     # Last searches in a row that found another, better lane.
@@ -607,7 +606,7 @@ class LaneTracker:
         track = replace(track, frames=track.frames + 1)
         moved_m = float(estimate.mean[SPEED]) * elapsed_s
         lines, is_seen = self._observe(track, fit, evidence, moved_m)
-        far = _nearer_far_lines(track.lane.far_evidence, moved_m)
+        far = track.far.moved(moved_m, elapsed_s)
         estimate, lines, far = self._to_ego_lane(estimate, lines, far)
 
         state = self._next_state(track, estimate, elapsed_s, seen=is_seen)
@@ -621,7 +620,7 @@ class LaneTracker:
             track.lane,
             state=state,
             evidence=lines,
-            far_evidence=far,
+            far_evidence=far.stated,
             clear_share=clear_share(fit),
             confidence_shift=evidence.confidence_shift,
         )
@@ -629,6 +628,7 @@ class LaneTracker:
             track,
             estimate=estimate,
             lane=self._describe(lane, estimate, track.departure, elapsed_s),
+            far=far,
             regained=regained,
             unseen_s=0.0 if is_seen else track.unseen_s + elapsed_s,
         )
@@ -671,12 +671,12 @@ class LaneTracker:
         self,
         estimate: State,
         lines: tuple[LineEvidence, LineEvidence],
-        far: FarEvidence,
-    ) -> tuple[State, tuple[LineEvidence, LineEvidence], FarEvidence]:
+        far: FarLines,
+    ) -> tuple[State, tuple[LineEvidence, LineEvidence], FarLines]:
         """The lane that the car's middle is in, whose lines may have new names.
 
-        After it has crossed a line that is the adjacent lane. Its far line is unknown
-        until the next search. Otherwise nothing changes.
+        After it has crossed a line that is the adjacent lane. Its far lines are unknown
+        until the next searches. Otherwise nothing changes.
         """
         centre_m = estimate.lane[CENTRE] + self.view.camera.offset_m
         if abs(centre_m) < estimate.lane[WIDTH] / 2 + BEYOND_LINE_M:
@@ -687,9 +687,9 @@ class LaneTracker:
         unknown = LineEvidence()
         if centre_m < 0:
             moved = to_adjacent_lane(estimate, LEFT_SIDE, prior)
-            return moved, (unknown, left), (None, None)
+            return moved, (unknown, left), FarLines()
         moved = to_adjacent_lane(estimate, RIGHT_SIDE, prior)
-        return moved, (right, unknown), (None, None)
+        return moved, (right, unknown), FarLines()
 
     def _compare(self, track: Track | None, challenger: Lane | None) -> Track | None:
         """The track after a search without memory found a lane.
@@ -732,8 +732,11 @@ class LaneTracker:
         state = track.lane.state
         if is_sure and state == SEARCHING:
             state = TRACKING
-        lane = replace(track.lane, state=state, far_evidence=found.far_evidence)
-        return replace(track, lane=lane, confirmed=confirmed, lost_comparisons=0)
+        far = track.far.searched(found.far_evidence)
+        lane = replace(track.lane, state=state, far_evidence=far.stated)
+        return replace(
+            track, lane=lane, far=far, confirmed=confirmed, lost_comparisons=0
+        )
 
     def _start(self, found: Lane) -> Track:
         """A track that begins with a detected lane."""
@@ -742,10 +745,12 @@ class LaneTracker:
         inflated = found.fit_covariance * s.detector.fit.variance_inflation
         estimate = initial_state(found.centres, inflated, self.speed_mps, s.filter)
         is_sure = found.confidence >= SURE_CONFIDENCE
-        lane = replace(found, state=TRACKING if is_sure else SEARCHING)
+        state = TRACKING if is_sure else SEARCHING
+        far = FarLines().searched(found.far_evidence)
+        lane = replace(found, state=state, far_evidence=far.stated)
         watch = DepartureWatch()
         lane = self._describe(lane, estimate, watch, 0.0)
-        return Track(estimate=estimate, lane=lane, departure=watch)
+        return Track(estimate=estimate, lane=lane, departure=watch, far=far)
 
     def _describe(
         self, lane: Lane, estimate: State, watch: DepartureWatch, elapsed_s: float
@@ -809,20 +814,6 @@ def _unseen_lines(
         reach_m = max(line.reach_m - moved_m, 0.0)
         unseen.append(replace(line, support=0.0, seen=False, reach_m=reach_m))
     return unseen[0], unseen[1]
-
-
-def _nearer_far_lines(far: FarEvidence, moved_m: float) -> FarEvidence:
-    """Far lines of the adjacent lanes after a distance driven.
-
-    The views of most frames do not contain them: searches see them. In between they end
-    where the last search saw them end.
-    """
-    kept: list[LineEvidence | None] = []
-    for line in far:
-        nearer = replace(line, reach_m=line.reach_m - moved_m) if line else None
-        is_far = nearer is not None and nearer.reach_m >= LEAST_FAR_REACH_M
-        kept.append(nearer if is_far else None)
-    return kept[0], kept[1]
 
 
 def _is_same_lane(found: Lane, known: Lane) -> bool:

@@ -126,30 +126,30 @@ FPS = 12.5
 
 
 def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
-    """Four lanes; the car changes to the next one on the right from 1.2 to 3.7 s, and
-    from 5.2 s on all is black.
+    """Four lanes; the car changes to the next one on the right from 2.4 to 4.9 s, and
+    from 7.6 s on all is black.
     """
     edges = {5.4: {"colour": WORN_YELLOW}, -9.0: {}}
     lines = tuple(
         Stripe(y_m, **edges.get(y_m, {"dash_m": DASH_M, "phase_m": -y_m}))
         for y_m in LINES_M
     )
-    motion = Motion(speed_mps=20.0, shift_m=-3.6, shift_start_s=1.2, shift_seconds=2.5)
+    motion = Motion(speed_mps=20.0, shift_m=-3.6, shift_start_s=2.4, shift_seconds=2.5)
     drive = PaintedDrive(
         straight_road(),
         lines,
         motion,
         camera=CAMERA.scaled((640, 360)),
-        black_s=(5.2, np.inf),
+        black_s=(7.6, np.inf),
     )
     tracker = LaneTracker(drive.camera, fps=FPS)
     stated = []
     before = (None, None)
-    for time_s in np.arange(round(5.7 * FPS)) / FPS:
+    for time_s in np.arange(round(8.1 * FPS)) / FPS:
         tracker.update(drive.frame(time_s))
         lane = tracker.tracked_lane
         lateral_m = motion.pose(time_s).lateral_m
-        assert time_s < 5.2 or lane.state == COASTING
+        assert time_s < 7.6 or lane.state == COASTING
         for side, far in zip(SIDES, lane.adjacent, strict=True):
             stated.append((time_s, far is not None))
             if far:
@@ -167,9 +167,9 @@ def test_tracked_far_lines_are_those_of_the_lane_that_the_car_is_in():
                     last.reach_m - lane.motion.speed_mps / FPS, abs=0.1
                 )
         before = lane.adjacent
-    for begin_s, end_s in ((0.2, 1.2), (4.2, 5.2)):
+    for begin_s, end_s in ((1.2, 2.4), (6.6, 7.6)):
         assert (
             np.mean([some for time_s, some in stated if begin_s <= time_s < end_s])
             > 0.5
         )
-    assert not any(some for time_s, some in stated if time_s >= 5.2)
+    assert not any(some for time_s, some in stated if time_s >= 7.6)
