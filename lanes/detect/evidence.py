@@ -532,7 +532,9 @@ def has_colours(image: np.ndarray) -> bool:
     # cells are larger than the blur of subsampled colours
     cell_px = max(image.shape[:2]) / _COLOUR_CELLS
     step = max(1, int(cell_px / 4))
-    samples = np.ascontiguousarray(image[::step, ::step])
+    # channel by channel, because numpy copies few bytes at a time slowly
+    channels = [np.ascontiguousarray(image[::step, ::step, k]) for k in range(3)]
+    samples = cv2.merge(channels)
     scale = min(1.0, step / cell_px)
     cells = cv2.resize(samples, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
 

@@ -155,8 +155,9 @@ def count_votes(
         bins = np.clip(a, 0, settings.bins - 1, out=a).astype(np.intp)
         bins += settings.bins * np.arange(len(of_pitch))[:, None]
 
+        agreement *= weight
         size = len(of_pitch) * settings.bins
-        counts = np.bincount(bins.ravel(), (agreement * weight).ravel(), size)
+        counts = np.bincount(bins.ravel(), agreement.ravel(), size)
         votes[of_pitch] = counts.reshape(-1, settings.bins)
     # the outermost bins also hold everything beyond them
     votes[:, [0, -1]] = 0
@@ -190,10 +191,15 @@ def _distances_and_agreement(
     of_stripes = (front / angle_std, across / angle_std, turn)
     angle_residual = sums_of_products((sin, -cos, curvature), of_stripes)
 
+    # in place: half of the time is memory allocation
     scale_square = 1 - curvature.astype(np.float32)[:, None] * twice
-    scale_square = np.maximum(scale_square, MIN_SCALE**2)
-    distance = twice / (1 + np.sqrt(scale_square))
-    agreement = np.square(scale_square / (angle_residual**2 + scale_square))
+    np.maximum(scale_square, MIN_SCALE**2, out=scale_square)
+    variance = np.square(angle_residual, out=angle_residual)
+    variance += scale_square
+    ratio = np.divide(scale_square, variance, out=variance)
+    agreement = np.square(ratio, out=ratio)
+    scale = np.sqrt(scale_square, out=scale_square)
+    distance = np.divide(twice, 1 + scale, out=twice)
     return distance, agreement
 
 

@@ -326,7 +326,7 @@ class LaneTracker:
         self._static = StaticPattern(self._views[-1], period_s)
         self._lane_moves = False
         self._width = self._first_width
-        self._last_rows: np.ndarray | None = None
+        self._last_rows: bytes | None = None
         # time that an image was repeated, and that was not predicted
         self._repeated_s = 0.0
         self._unpredicted_s = 0.0
@@ -413,12 +413,11 @@ class LaneTracker:
 
     def _equals_last(self, image: np.ndarray) -> bool:
         """Whether the image equals the last one, which is remembered."""
-        # every eighth row tells images apart by their noise, and costs little
-        rows = image[::8]
-        is_equal = self._last_rows is not None and np.array_equal(rows, self._last_rows)
-        if not is_equal:
-            # a copy: cameras may write the next image into the same array
-            self._last_rows = rows.copy()
+        # every eighth row tells images apart by their noise, and costs little; a copy,
+        # because cameras may write the next image into the same array
+        rows = image[::8].tobytes()
+        is_equal = rows == self._last_rows
+        self._last_rows = rows
         return is_equal
 
     def _wait(self, elapsed_s: float) -> None:
