@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lanes.camera.model import Camera, CameraPose
-from lanes.detect.lane import Lane, LineEvidence
+from lanes.detect.lane import FOUND, Lane, LineEvidence
 from lanes.show.draw import (
     COLOURS,
     RIBBON_M,
@@ -165,8 +165,13 @@ def test_each_line_and_the_area_begin_where_the_bonnet_ends(starts_m):
     assert [begins_m(side) for side in sides] == pytest.approx(starts_m, abs=0.3)
 
 
-def test_a_line_whose_dashes_are_far_away_begins_with_the_other():
-    ribbons = lane_outline(started(5.0, 12.0), SMALL).ribbons
+@pytest.mark.parametrize(
+    "lane",
+    [started(5.0, 12.0), replace(started(5.0, 6.5), state=FOUND)],
+    ids=["far dashes", "single image"],
+)
+def test_lines_begin_together_where_one_may_show_a_gap(lane):
+    ribbons = lane_outline(lane, SMALL).ribbons
     assert [begins_m(ribbon) for ribbon in ribbons] == pytest.approx(
         [5.0, 5.0], abs=0.3
     )

@@ -290,13 +290,14 @@ def _starts_m(lane: Lane) -> np.ndarray:
     """Distances (2,) at which the left and the right line begin: at the nearest marking
     seen, where the bonnet ends.
 
-    A line whose dashes are all far away begins with the other one.
+    Both begin at the nearer one in a single image, which may show a gap between dashes
+    there, and while the dashes of one line are all far away.
     """
     marked_m = [line.start_m for line in lane.lines if line.start_m]
     nearest_m = min(marked_m, default=NEAREST_M)
     starts_m = np.array([line.start_m for line in lane.lines])
     is_beside = np.abs(starts_m - nearest_m) <= BONNET_M
-    return np.where(is_beside, starts_m, nearest_m)
+    return np.where(is_beside & lane.tracked, starts_m, nearest_m)
 
 
 def _is_at_border(pixel: np.ndarray, camera: Camera) -> bool:
