@@ -9,9 +9,9 @@ the minutes below. They are for a reader who runs and understands every cell.
 
 from __future__ import annotations
 
+import argparse
 import json
 import re
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -107,7 +107,12 @@ def _row(fields: Iterable[object]) -> str:
 
 def main() -> None:
     """Print the table."""
-    path = Path(sys.argv[1]) if sys.argv[1:] else ROOT / "project.ipynb"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    default = ROOT / "project.ipynb"
+    parser.add_argument("notebook", nargs="?", type=Path, default=default)
+    path = parser.parse_args().notebook
     notebook = json.loads(path.read_text(encoding="utf-8"))
     print(hours_table(measure_chapters(notebook)))
 

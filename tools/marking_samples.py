@@ -114,6 +114,8 @@ CLOSED = 7
 BESIDE = 5
 # Label of cells that are not counted.
 UNKNOWN = 255
+# The rows and columns of all samples are those of this view.
+VIEW = BirdsEyeView(Camera.from_fov((640, 360), 60, CameraPose(1.4)))
 
 
 @dataclass(frozen=True)
@@ -513,7 +515,8 @@ def degrade(
 ) -> tuple[np.ndarray, tuple[int, int]]:
     """The picture reduced, exposed, blurred or sharpened, and compressed; its size."""
     height, width = image.shape[:2]
-    scale = rng.uniform(480 / width, 1) if rng.random() < 0.5 else 1.0
+    smallest = min(480 / width, 1.0)
+    scale = rng.uniform(smallest, 1) if rng.random() < 0.5 else 1.0
     size = (round(width * scale), round(height * scale))
 
     gamma = rng.uniform(0.8, 1.25)

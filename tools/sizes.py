@@ -15,6 +15,7 @@ pytransform3d 7.7, hloc 7.2), and 15 to 17 in nine of ten lines.
 
 from __future__ import annotations
 
+import argparse
 import ast
 import io
 import json
@@ -205,6 +206,10 @@ def describe_sizes(
 
 def main() -> int:
     """Print the sizes; returns 1 if one is above its ceiling."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.parse_args()
     settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     ceilings: dict[str, int] = settings["tool"]["ceilings"]
     files = dict(tracked_files())

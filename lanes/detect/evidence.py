@@ -489,7 +489,7 @@ def find_evidence(
         sources.append("mask")
         rows = source.window_rows(view.camera)
         mask = source.find_mask(crop_rows(image, rows))
-        in_view = _mask_in_view(mask, rows, view)
+        in_view = mask_in_view(mask, rows, view)
         if with_own:
             if quick:
                 # as in `_add_network`, a weak response says nothing
@@ -602,7 +602,7 @@ def _only_measured(
     return replace(stripes, std_m=std_m, measurable=measurable)
 
 
-def _mask_in_view(
+def mask_in_view(
     mask: np.ndarray, rows: tuple[int, int], view: BirdsEyeView
 ) -> np.ndarray:
     """A mask in the view: probabilities (rows, columns) float32, 0 to 1.

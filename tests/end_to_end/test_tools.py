@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import replace
 from operator import attrgetter
 
@@ -45,6 +46,23 @@ from tools.fit_confidence import (
     print_calibration,
 )
 from tools.marking_samples import UNKNOWN, connect_paint, label_cells, take_sample
+
+# Tools that are commands.
+COMMANDS = sorted(
+    file.stem
+    for file in (ROOT / "tools").glob("*.py")
+    if "__main__" in file.read_text(encoding="utf-8")
+)
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_each_command_describes_itself(name, monkeypatch, capsys):
+    """Also train_marking_network, without the packages that it needs."""
+    monkeypatch.setattr("sys.argv", [name, "--help"])
+    with pytest.raises(SystemExit) as end:
+        importlib.import_module(f"tools.{name}").main()
+    assert not end.value.code
+    assert capsys.readouterr().out.startswith("usage: ")
 
 
 class TestAblation:
