@@ -157,7 +157,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--pictures",
-        type=bounded(int, 1),
+        type=bounded(int, 32),
         default=4320,
         metavar="N",
         help="rendered images of a new file of samples (default: %(default)s)",

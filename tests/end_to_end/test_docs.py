@@ -34,6 +34,7 @@ MODULES = {
     "course.grading": "course.grading.__main__",
     "simulator": "simulator.__main__",
     "tools.ablation": "tools.ablation",
+    "tools.train_marking_network": "tools.train_marking_network",
 }
 KNOWN = {*COMMANDS, *MODULES}
 # Options of git, pip, Dask, labelme, nbconvert, nbval, YOLOP, Docker and unshare.
