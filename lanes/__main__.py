@@ -69,7 +69,7 @@ from lanes.labels import (
     read_labels,
     read_predictions,
 )
-from lanes.many import annotate_many, manifest_path
+from lanes.many import annotate_many, parallel_outputs
 from lanes.pose.estimate import (
     ESTIMATED,
     LANE_WIDTH_M,
@@ -287,8 +287,7 @@ class Annotate:
         require_distinct_outputs(planned)
         outputs = [output for _, output in planned]
         if in_parallel:
-            for video in sources.videos:
-                outputs.append(manifest_path(video, options.output))
+            outputs += parallel_outputs(sources.videos, options.output)
         settings = _read_settings(options, sources, outputs)
         settings = replace(settings, style=options.style, report=options.report)
 

@@ -33,6 +33,7 @@ from pathlib import Path
 from typing import Any
 
 import av
+from tqdm import tqdm
 
 import lanes
 from lanes.annotation import DriveSettings
@@ -231,6 +232,14 @@ def _worst_first(drive: FinishedDrive) -> tuple[float, float, str]:
 
 
 # Finished drives.
+
+
+def parallel_outputs(videos: Sequence[Path], folder: Path) -> list[Path]:
+    """What `annotate_many` writes into a folder beside the outputs of each drive: the
+    manifests, and the table.
+    """
+    manifests = [manifest_path(video, folder) for video in videos]
+    return [*manifests, folder / _SUMMARY]
 
 
 def manifest_path(video: Path, folder: Path) -> Path:
@@ -498,6 +507,8 @@ class LocalProcesses(Executor):
 
 def _watch_parent(end: Connection) -> None:
     """In a process: end it when the other end of the pipe is closed."""
+    # by default a semaphore, which a process that ends at once leaves behind
+    tqdm.set_lock(threading.RLock())
 
     def wait() -> None:
         try:

@@ -48,6 +48,7 @@ from tests.support.clips import encode, write_drive
 from tests.support.command_line import start
 from tests.support.faults import Fault, count_calls
 from tests.support.painted_drive import CAMERA, PaintedDrive, lane_lines, s_bend
+from tests.support.project import ROOT
 
 # x264 makes the same bytes each time only of widths that are multiples of 256
 # (tests/video/test_process.py).
@@ -354,6 +355,31 @@ def test_a_warning_of_a_worker_is_one_line_with_its_drive(tmp_path, capfd):
     annotate_many([video], settings, workers=1)
     err = capfd.readouterr().err
     assert re.fullmatch(rf"warning: {video}: the images are in portrait.*\n", err), err
+
+
+WITH_A_BAR = """
+from lanes.console import progress_bar
+from lanes.many import LocalProcesses
+
+def work(_):
+    progress_bar(None, "frame", 1).close()
+
+if __name__ == "__main__":
+    with LocalProcesses(4) as processes:
+        list(processes.map(work, range(4)))
+"""
+
+
+@pytest.mark.slow
+def test_workers_leave_no_semaphores_of_progress_bars(tmp_path):
+    """Python warns of them when it ends."""
+    script = tmp_path / "work.py"
+    script.write_text(WITH_A_BAR)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, script], env=environment, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 # Workers on other machines.

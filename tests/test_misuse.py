@@ -135,6 +135,10 @@ OUTPUTS = {
         "one of the inputs",
         "annotate --camera boards/drive.json drive.mp4 --workers 2 -o boards",
     ),
+    "table of many drives over the camera": (
+        "one of the inputs",
+        "annotate --camera drive.yaml drive.mp4 --workers 2 -o linked",
+    ),
     "detect over a part of a recording": (
         "one of the inputs",
         "detect --hfov 60 bag -o bag/bag_0.db3",
@@ -187,6 +191,8 @@ def folder(tmp_path_factory) -> Path:
         shutil.copy(folder / "drive.mp4", folder / "boards" / name)
     shutil.copy(folder / "drive.yaml", folder / "boards" / "drive.json")
     (folder / "link.yaml").symlink_to("drive.yaml")
+    (folder / "linked" / "summary").mkdir(parents=True)
+    (folder / "linked" / "summary" / "drives.csv").symlink_to("../../drive.yaml")
     label = {"raw_file": "stills/still.png", "h_samples": [300], "lanes": [[100]]}
     (folder / "labels.jsonl").write_text(json.dumps(label))
     (folder / "bag").mkdir()
