@@ -88,6 +88,23 @@ def test_the_stds_contain_those_of_an_estimated_pose():
     assert given.offset_std_m == pytest.approx(0.02)
 
 
+def test_each_line_has_its_own_std():
+    """Of two lines only the left one is known well: centre and width are correlated."""
+    known, uncertain = 0.02, 0.3
+    lane = found_lane(a_lane(width=3.4), STD)
+    covariance = lane.fit_covariance.copy()
+    lines = np.array([[1.0, 0.5], [1.0, -0.5]])
+    of_lines = np.diag([known**2, uncertain**2])
+    to_lane = np.linalg.inv(lines)
+    covariance[:2, :2] = to_lane @ of_lines @ to_lane.T
+
+    left, right = replace(lane, fit_covariance=covariance).lines
+    ratio = uncertain / known
+    assert right.offset_std_m == pytest.approx(ratio * left.offset_std_m, rel=0.01)
+    for line in (left, right):
+        assert line.offset_std_m == pytest.approx(float(line.std_m(0.0)), rel=0.01)
+
+
 def test_the_roll_moves_a_lane_as_its_std_says():
     camera = dashcam(1280, height_m=1.5)
     pose = camera.require_pose()

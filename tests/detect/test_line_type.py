@@ -176,6 +176,16 @@ def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
     assert paint.stripe_m(side) == pytest.approx(-side * 0.11, abs=0.025)
 
 
+@pytest.mark.parametrize("gap_m", [0.1, 0.12])
+def test_a_white_double_line_is_told_by_its_gap(gap_m):
+    """The gap is seen near the car, and too narrow for the pixels farther ahead."""
+    half_m = gap_m / 2 + 0.06
+    double = Road(CAMERA).lines(1.7 - half_m, 1.7 + half_m, width_m=0.12)
+    wide = Road(CAMERA).lines(1.7, width_m=gap_m + 0.24)
+    assert paint_in(double.image()).double
+    assert not paint_in(wide.image()).double
+
+
 @pytest.mark.parametrize(
     ("dash_m", "kind"),
     [(None, "solid"), ((3, 12), "dashed"), ((2, 6), "dashed"), ((3, 4.33), "dashed")],

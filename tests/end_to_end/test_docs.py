@@ -197,11 +197,15 @@ class TestOwnFinder:
         for line in find(paint_lane(road, camera)):
             assert line[0] == pytest.approx(curvature_per_m / 2, rel=0.2)
 
-    def test_the_lines_of_a_bend_are_beside_the_car(self, find, camera):
+    @pytest.mark.parametrize("heading_rad", [0.02, -0.02])
+    def test_the_lines_of_a_bend_are_those_of_the_road(self, find, camera, heading_rad):
         """The lane is 3.7 m wide, and the car 0.3 m left of its centre."""
-        road = LaneRoad(curvature_per_m=1 / 500, offset_m=0.3)
-        (*_, left_m), (*_, right_m) = find(paint_lane(road, camera))
-        assert [left_m, right_m] == pytest.approx([1.55, -2.15], abs=0.03)
+        road = LaneRoad(curvature_per_m=1 / 500, offset_m=0.3, heading_rad=heading_rad)
+        x_m = np.array([0.0, 10.0, 20.0])
+        centre_m = -0.3 + heading_rad * x_m + x_m**2 / 1000
+        left, right = find(paint_lane(road, camera))
+        np.testing.assert_allclose(np.polyval(left, x_m), centre_m + 1.85, atol=0.06)
+        np.testing.assert_allclose(np.polyval(right, x_m), centre_m - 1.85, atol=0.06)
 
     def test_a_black_image_has_no_lane(self, find):
         assert find(np.zeros((720, 1280, 3), np.uint8)) is None

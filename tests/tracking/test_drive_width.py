@@ -7,7 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lanes.detect.confidence import LIKELY_CONFIDENCE, SURE_CONFIDENCE
+from lanes.detect.confidence import (
+    LIKELY_CONFIDENCE,
+    SURE_CONFIDENCE,
+    USUAL_WIDTH_M,
+)
 from lanes.detect.lane import Lane
 from lanes.tracking.drive_width import DriveWidth
 from lanes.tracking.tracker import LaneTracker
@@ -94,3 +98,13 @@ def test_an_unlikely_lane_is_learnt_more_slowly():
     likely = first.after(3.0, 0.95 * 0.04)
     unlikely = first.after(3.0, 0.2 * 0.04)
     assert likely.mean_m < unlikely.mean_m < first.mean_m
+
+
+def test_the_width_of_roads_counts_as_five_seconds():
+    """A drive of 3.2 m, after which the mean is between this and the usual width."""
+    width = DriveWidth()
+    for seconds, share in [(5, 1 / 2), (5, 2 / 3), (10, 4 / 5)]:
+        for _ in range(round(seconds / 0.04)):
+            width = width.after(3.2, 0.04)
+        expected = USUAL_WIDTH_M + share * (3.2 - USUAL_WIDTH_M)
+        assert width.mean_m == pytest.approx(expected, abs=0.002)
