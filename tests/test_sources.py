@@ -143,6 +143,12 @@ class TestRecordingsInFolders:
             find_sources([str(parent)])
 
 
+def test_a_pattern_of_folders_only_says_what_to_name(recordings):
+    words = r"stands for folders only, such as .*/stills; name them .*sti\*/\*"
+    with pytest.raises(FileNotFoundError, match=words):
+        find_sources([f"{recordings}/sti*"])
+
+
 def test_all_that_is_skipped_is_in_the_notes(recordings, folder):
     found = find_sources([str(recordings), str(folder)])
     others = ", ".join(str(folder / name) for name in OTHERS)

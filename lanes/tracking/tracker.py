@@ -71,6 +71,7 @@ from lanes.tracking.filter import (
     update,
     without_wrong_yaw,
 )
+from lanes.tracking.repeated import RepeatedImages
 from lanes.tracking.static_pattern import StaticPattern
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
@@ -326,7 +327,7 @@ class LaneTracker:
         self._static = StaticPattern(self._views[-1], period_s)
         self._lane_moves = False
         self._width = self._first_width
-        self._last_rows: bytes | None = None
+        self._images = RepeatedImages()
         # time that an image was repeated, and that was not predicted
         self._repeated_s = 0.0
         self._unpredicted_s = 0.0
@@ -367,7 +368,7 @@ class LaneTracker:
         -------
         Lane or None
             None while no lane is known, or only one with a confidence below 0.15. An
-            image that equals the last one is no measurement: the lane is that of the
+            image that repeats the last one is no measurement: the lane is that of the
             last one, and after half a second it is predicted.
 
         Raises
@@ -379,7 +380,7 @@ class LaneTracker:
         """
         image = self.camera.require_size(image)
         elapsed_s = self._time_to_predict(elapsed_s)
-        if self._is_repeated(image):
+        if self._is_repeated(image, elapsed_s - self._unpredicted_s):
             self._wait(elapsed_s)
             return self.lane
 
@@ -403,22 +404,14 @@ class LaneTracker:
         elapsed_s = require_number(elapsed_s, "elapsed_s", finite=False)
         return self._unpredicted_s + elapsed_s
 
-    def _is_repeated(self, image: np.ndarray) -> bool:
+    def _is_repeated(self, image: np.ndarray, elapsed_s: float) -> bool:
         """Whether the image is no measurement, because it equals the last one.
 
         Of a lane that is not seen it is one, except where the picture stands still.
         """
         stands_still = self._repeated_s != 0
-        return self._equals_last(image) and (stands_still or self._sees_lane())
-
-    def _equals_last(self, image: np.ndarray) -> bool:
-        """Whether the image equals the last one, which is remembered."""
-        # every eighth row tells images apart by their noise, and costs little; a copy,
-        # because cameras may write the next image into the same array
-        rows = image[::8].tobytes()
-        is_equal = rows == self._last_rows
-        self._last_rows = rows
-        return is_equal
+        is_equal = self._images.repeats(image, elapsed_s)
+        return is_equal and (stands_still or self._sees_lane())
 
     def _wait(self, elapsed_s: float) -> None:
         """Pass over a repeated image.

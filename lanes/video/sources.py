@@ -218,6 +218,11 @@ def _files(name: str) -> tuple[list[Path], list[Path]]:
         matches = list(map(Path, glob(name, recursive=True)))
         folders = [match for match in matches if match.is_dir()]
         found = _recordings_as_one(matches)
+        if not found and matches:
+            raise FileNotFoundError(
+                f"{name}: stands for folders only, such as {matches[0]}; name them "
+                f"themselves, or {Path(name, '*')} for the files in them."
+            )
         if not found:
             raise FileNotFoundError(
                 f"{name}: there is no such file or folder; check the name."
