@@ -222,6 +222,17 @@ class TestDrive:
         assert np.degrees(estimate.roll_std_rad) < 0.7
 
 
+def test_the_camera_keeps_the_deviations_of_its_pose():
+    """A camera in a lorry: the height's is a share of it."""
+    camera = dashcam(height_m=2.5)
+    images = [paint_motorway(camera, seed=seed) for seed in range(3)]
+    estimate = estimate_pose(images, camera)
+    kept = estimate.camera.pose_std
+    height_std_m = kept.height_share * estimate.pose.height_m
+    assert height_std_m == pytest.approx(estimate.height_std_m)
+    assert kept.roll_rad == estimate.roll_std_rad
+
+
 def estimated(camera: Camera, **changes) -> PoseEstimate:
     """The estimate of a drive in whose images many lanes were likely."""
     known = PoseEstimate(

@@ -100,6 +100,9 @@ def read_pairs(
 SHAKY = upright(500)
 SHAKY[-2] -= 2
 SHAKY[-1] += 2
+# Its upper half points to a foot far left of 540.
+BENT = upright(560)
+BENT[: len(BENT) // 2] += 10 * np.arange(len(BENT) // 2, 0, -1)
 # In row 400 this line is nearest to the centre on the left; at the bottom it has gone
 # far left.
 TURNING = slanted(-2, 630)
@@ -127,6 +130,10 @@ EGO_LANES = {
     "extended from the lower half": EgoCase(
         (SHAKY, 540, 900),
         ego=[540, 900],
+    ),
+    "bent above": EgoCase(
+        (BENT, 540, 900),
+        ego=[BENT[0], 900],
     ),
     "a single one on the left": EgoCase(
         (600,),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -36,11 +37,11 @@ def true_columns(arc: Arc, camera: Camera = CAMERA) -> np.ndarray:
     return np.array(columns)
 
 
-def mask_of(road: Road) -> np.ndarray:
-    """The true mask of both lines, 0.3 m wide."""
+def mask_of(road: Road, sides_m: Sequence[float] = SIDES_M) -> np.ndarray:
+    """The true mask of lines, 0.3 m wide; by default those of the lane."""
 
     def is_marking(_: np.ndarray, y_m: np.ndarray) -> np.ndarray:
-        return np.min([np.abs(y_m - side_m) for side_m in SIDES_M], axis=0) < 0.15
+        return np.min([np.abs(y_m - side_m) for side_m in sides_m], axis=0) < 0.15
 
     return road.cover(is_marking)[..., 0]
 
@@ -68,6 +69,11 @@ class TestLinesOfAMask:
         mask = mask_of(Road(CAMERA, arc=arc))
         found = mask_columns(mask, ROWS, covers=(0, 360), size=CAMERA.size)
         np.testing.assert_allclose(found, true_columns(arc), atol=6)
+
+    def test_are_those_next_to_the_car(self):
+        mask = mask_of(Road(CAMERA), (9.0, 5.4, *SIDES_M, -5.3, -9.0))
+        found = mask_columns(mask, ROWS, covers=(0, 360), size=CAMERA.size)
+        np.testing.assert_allclose(found, true_columns(Arc()), atol=6)
 
     def test_of_a_window_are_at_the_rows_of_the_image(self):
         mask = mask_of(Road(CAMERA))

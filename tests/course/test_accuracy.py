@@ -91,6 +91,17 @@ def test_without_truth_and_labels_methods_are_compared(tmp_path):
     assert "0.30 m (median of 1 stills)" in text
 
 
+def test_the_largest_difference_is_that_of_all_stills(tmp_path):
+    data = still_folder(tmp_path)
+    first = data.stills[0]
+    for number in (2, 3):
+        shutil.copy(first, first.with_name(f"test{number}.jpg"))
+    others = [straight_lane(shift_m) for shift_m in (0.1, 0.7, 0.2)]
+    found = {"a": [straight_lane(0)] * 3, "b": others}
+    text = accuracy_table(found, data, shift_of, LENS, IMAGE_TO_ROAD)
+    assert "0.20 m (median of 3 stills), at most 0.70 m" in text
+
+
 def test_without_truth_and_two_lanes_nothing_is_compared(tmp_path):
     data = still_folder(tmp_path)
     found = {"a": [straight_lane(0)], "b": [None]}

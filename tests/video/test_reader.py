@@ -556,6 +556,14 @@ class TestCutOff:
         assert info.frames + info.missing == 250
         assert info.duration_s == pytest.approx(info.frames / 25, abs=0.2)
 
+    def test_a_clock_that_begins_later_changes_no_count(self, tmp_path):
+        """An flv states its length, not the end on its clock."""
+        numbers = range(50, 300)
+        path = make_video(tmp_path / "drive.flv", 250, numbers=numbers)
+        info = inspect_video(cut(path, 0.6, tmp_path / "cut.flv"))
+        assert info.frames < 200
+        assert info.frames + info.missing == 250
+
     @pytest.mark.parametrize("end_s", [None, 99.0])
     def test_the_written_video_counts_them_too(self, cut_off, tmp_path, end_s):
         out = tmp_path / "out.mp4"
