@@ -598,7 +598,7 @@ class LaneTracker:
         track = replace(track, frames=track.frames + 1)
         moved_m = float(estimate.mean[SPEED]) * elapsed_s
         lines, is_seen = self._observe(track, fit, evidence, moved_m)
-        far = track.far.moved(moved_m, elapsed_s)
+        far = track.far.moved(moved_m)
         estimate, lines, far = self._to_ego_lane(estimate, lines, far)
 
         state = self._next_state(track, estimate, elapsed_s, seen=is_seen)
