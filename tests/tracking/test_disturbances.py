@@ -15,7 +15,13 @@ from lanes.detect.lane import TRACKING
 from lanes.tracking.tracker import LaneTracker, TrackerSettings
 from simulator.rendering.drive import Motion
 from tests.support.committed import FPS, CommittedDrive, Step
-from tests.support.painted_drive import SMALL, PaintedDrive, Stripe, straight_road
+from tests.support.painted_drive import (
+    DASH_M,
+    SMALL,
+    PaintedDrive,
+    Stripe,
+    straight_road,
+)
 from tests.support.static_objects import draw_guide_lines, draw_striped_bonnet
 
 pytestmark = pytest.mark.slow
@@ -63,19 +69,25 @@ def test_solid_lines_of_a_road_on_which_nothing_sways_are_kept():
     assert said[-1].right.seen
 
 
-def test_the_lane_is_kept_while_the_car_stands(motorway):
-    frames = motorway.frames
-    tracker = motorway.tracker()
+def test_the_lane_is_kept_while_the_car_stands():
+    """It brakes for three seconds, stands for ten, and drives on."""
+    lines = (Stripe(1.8), Stripe(-1.8, dash_m=DASH_M))
+    motion = Motion(speed_mps=25.0, offset_m=0.3)
+    drive = PaintedDrive(straight_road(), lines, motion=motion, camera=SMALL)
+    braking = np.linspace(1.0, 0.0, round(3 * FPS))
+    standing = np.zeros(round(10 * FPS))
+    share_of_speed = np.concatenate([np.ones(50), braking, standing, braking[::-1]])
+
+    tracker = LaneTracker(SMALL, fps=FPS)
     rng = np.random.default_rng(0)
-    moving = [tracker.update(frame) for frame in frames[:50]]
-    noises = [rng.normal(0, 2, frames[49].shape).astype(np.int16) for _ in range(7)]
-    for number in range(round(10 * FPS)):
-        standing = tracker.update(
-            cv2.add(frames[49], noises[number % 7], dtype=cv2.CV_8U)
-        )
-    assert standing.state == TRACKING
-    assert abs(standing.offset_m - moving[-1].offset_m) < 0.05
-    assert all(tracker.update(frame).state == TRACKING for frame in frames[50:])
+    lanes = []
+    for time_s in np.cumsum(share_of_speed) / FPS:
+        frame = drive.frame(time_s)
+        noise = rng.normal(0, 2, frame.shape).astype(np.int16)
+        lanes.append(tracker.update(cv2.add(frame, noise, dtype=cv2.CV_8U)))
+
+    assert all(lane.state == TRACKING for lane in lanes[25:])
+    assert all(abs(lane.offset_m - lanes[49].offset_m) < 0.05 for lane in lanes[50:])
 
 
 def test_what_never_moves_is_forgotten_between_two_drives(motorway):
