@@ -8,14 +8,17 @@ import json
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
+from benchmark.real_roads import ways
 from benchmark.real_roads.__main__ import main
 from benchmark.real_roads.manifest import HERE, OFFICIAL_LABELS, VERSION, read_manifest
 from benchmark.real_roads.published import describe_effect, published_sets
 from benchmark.real_roads.sets import read_road_sets
-from lanes.labels import read_labels
+from lanes.labels import LaneColumns, read_labels
+from lanes.video.images import write_image
 from tests.benchmark.test_labelled_stills import CAMERAS, write_lines, write_still
 from tests.support.project import ROOT
 
@@ -223,3 +226,13 @@ def test_the_effect_of_missing_stills_is_said():
     assert "the stills here: " in line
     assert "(mean of 1 sets)" in line
     assert line.endswith(f"of {len(kept.labels)} right")
+
+
+def test_a_label_of_a_still_is_that_of_a_frame_of_another_size(tmp_path):
+    """A clip of twice the width and three times the height; -2 is no point."""
+    write_image(tmp_path / "a.png", np.zeros((360, 640, 3), np.uint8))
+    columns = np.array([[100.0, -2.0]])
+    label = LaneColumns("a.png", np.array([200.0, 300.0]), columns)
+    of_frame = ways._at_size(tmp_path, label, (1280, 1080))
+    assert of_frame.columns.tolist() == [[200.0, -2.0]]
+    assert of_frame.rows.tolist() == [600.0, 900.0]
