@@ -178,7 +178,7 @@ def test_of_a_double_line_the_stripe_next_to_the_lane_counts(side, y):
 
 @pytest.mark.parametrize("gap_m", [0.1, 0.12])
 def test_a_white_double_line_is_told_by_its_gap(gap_m):
-    """The gap is seen near the car, and too narrow for the pixels farther ahead."""
+    """A single line of the same width is none."""
     half_m = gap_m / 2 + 0.06
     double = Road(CAMERA).lines(1.7 - half_m, 1.7 + half_m, width_m=0.12)
     wide = Road(CAMERA).lines(1.7, width_m=gap_m + 0.24)

@@ -91,7 +91,7 @@ def test_what_is_above_its_ceiling_is_named():
 
 
 def test_the_hours_of_a_chapter_count_what_there_is_to_do():
-    text = "## 3. Warp\n\n" + "word " * 117 + "**Question.** Why?"
+    text = "## 3. Warp\n\n" + "word " * 117 + "**Question.** Why? **Question.** How?"
     cells = [
         {"id": "ch03-01", "cell_type": "markdown", "source": [text]},
         {"id": "ch03-02", "cell_type": "code", "source": ["a = 1\n", "\n", "b = 2"]},
@@ -103,16 +103,16 @@ def test_the_hours_of_a_chapter_count_what_there_is_to_do():
     ]
     (chapter,) = measure_chapters({"cells": cells})
     assert chapter == Chapter(
-        "3. Warp", words=122, code_cells=2, code_lines=3, questions=1, exercises=1
+        "3. Warp", words=124, code_cells=2, code_lines=3, questions=2, exercises=1
     )
     minutes = (
-        122 / WORDS_A_MINUTE
+        124 / WORDS_A_MINUTE
         + 3 * MINUTES_A_CODE_LINE
         + 2 * MINUTES_A_CELL
-        + MINUTES_A_QUESTION
+        + 2 * MINUTES_A_QUESTION
     )
     assert 60 * chapter.hours == pytest.approx(minutes + MINUTES_AN_EXERCISE)
     assert (
         hours_table([chapter, chapter]).splitlines()[-1]
-        == f"| **all** | 244 | 4 | 6 | 2 | 2 | {2 * chapter.hours:.1f} |"
+        == f"| **all** | 248 | 4 | 6 | 4 | 2 | {2 * chapter.hours:.1f} |"
     )
