@@ -115,8 +115,8 @@ class PaintedDrive:
     seed: int = 0
 
     def camera_at(self, time_s: float) -> Camera:
-        """Camera with the pitch at a time."""
-        return self.motion.pitched(self.camera, time_s)
+        """Camera with the pitch and the roll at a time."""
+        return self.motion.moved(self.camera, time_s)
 
     def truth(
         self,

@@ -378,6 +378,14 @@ def without_wrong_yaw(state: State, settings: FilterSettings) -> State:
     return _with_independent(state, usual, stds)
 
 
+def seen_along_the_car(state: State) -> State:
+    """The state as seen by a camera that is turned to look along the car's axis."""
+    mean = state.mean.copy()
+    mean[HEADING] -= mean[CAMERA_YAW]
+    mean[CAMERA_YAW] = 0.0
+    return State(mean, state.covariance)
+
+
 def _with_independent(state: State, speed_mps: float, stds: dict[int, float]) -> State:
     """The state with this speed.
 

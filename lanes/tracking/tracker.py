@@ -67,12 +67,14 @@ from lanes.tracking.filter import (
     initial_state,
     measure,
     predict,
+    seen_along_the_car,
     to_adjacent_lane,
     update,
     without_wrong_yaw,
 )
 from lanes.tracking.repeated import RepeatedImages
 from lanes.tracking.static_pattern import StaticPattern
+from lanes.tracking.turned_camera import TurnedCamera
 
 # By the parameters of a lane: lateral positions of its lines 5, 20 and 35 m ahead.
 LATERAL_IN_VIEW = lateral_gradients(np.array([5.0, 20.0, 35.0]))
@@ -318,6 +320,7 @@ class LaneTracker:
         ]
         self._views = tuple(views)
         self.view = views[min(1, len(views) - 1)]
+        self._turned = TurnedCamera()
         self.evidence: Evidence | None = None
         self.search: Search | None = None
 
@@ -394,6 +397,7 @@ class LaneTracker:
         if due.search:
             self._track = self._compare(self._track, challenger)
         self._learn_width(elapsed_s)
+        self._turn_with_camera(elapsed_s)
         self._try_other_pose(image, elapsed_s)
         return self.lane
 
@@ -545,6 +549,34 @@ class LaneTracker:
         if all(line.seen for line in lane.evidence):
             weight_s = lane.confidence * elapsed_s
             self._width = self._width.after(lane.width_m, weight_s)
+
+    def _turn_with_camera(self, elapsed_s: float) -> None:
+        """Go on with another yaw of the camera if it was turned, and stays so.
+
+        The track goes on, too: its lane is seen from another direction.
+        """
+        track = self._track
+        if track is None or track.unseen_s or track.lane.state != TRACKING:
+            return
+        estimate = track.estimate
+        yaw_rad = float(estimate.mean[CAMERA_YAW])
+        std_rad = float(np.sqrt(estimate.covariance[CAMERA_YAW, CAMERA_YAW]))
+        self._turned = self._turned.after(yaw_rad, std_rad, elapsed_s)
+        if not self._turned.lasts:
+            return
+
+        pose = self.camera.require_pose()
+        turned = replace(pose, yaw_rad=pose.yaw_rad - yaw_rad)
+        evidence = self.evidence
+        search = self.search
+        self._use(self.camera.with_pose(turned))
+        self._static = self._static.seen_in(self._views[-1])
+        self.evidence = evidence
+        self.search = search
+        estimate = seen_along_the_car(estimate)
+        lane = replace(track.lane, camera=self.camera)
+        lane = self._describe(lane, estimate, track.departure, 0.0)
+        self._track = replace(track, estimate=estimate, lane=lane)
 
     def _try_other_pose(self, image: np.ndarray, elapsed_s: float) -> None:
         """While no lane is likely, look for one with a camera pose from this image.

@@ -37,12 +37,12 @@ class Motion:
     is the mean lateral position relative to the reference line, > 0 left; `wander_m`
     and `wander_period_s` are amplitude and period of a lateral sine, from which the
     heading follows; `heading_rad` is added to it. `pitch_rad` and `pitch_period_s` are
-    amplitude and period of the pitch motion. A lane change is a lateral shift of
-    `shift_m` (> 0 left). `rear_axle_m` is the distance of the rear axle behind the
-    camera: the heading of a slow car is the direction of the road at its rear axle, so
-    in a sharp bend it lags behind the road at the camera. The slip of the rear tyres
-    turns the car inwards: the lag shrinks with the square of the speed, and is gone at
-    TANGENT_MPS.
+    amplitude and period of the pitch motion, `roll_rad` and `roll_period_s` those of a
+    sway, a sine of the roll. A lane change is a lateral shift of `shift_m` (> 0 left).
+    `rear_axle_m` is the distance of the rear axle behind the camera: the heading of a
+    slow car is the direction of the road at its rear axle, so in a sharp bend it lags
+    behind the road at the camera. The slip of the rear tyres turns the car inwards: the
+    lag shrinks with the square of the speed, and is gone at TANGENT_MPS.
     """
 
     start_m: float = 0.0
@@ -52,6 +52,8 @@ class Motion:
     wander_period_s: float = 7.0
     pitch_rad: float = 0.0
     pitch_period_s: float = 1.3
+    roll_rad: float = 0.0
+    roll_period_s: float = 4.0
     heading_rad: float = 0.0
     later_speeds: tuple[tuple[float, float], ...] = ()
     shift_m: float = 0.0
@@ -93,11 +95,18 @@ class Motion:
         waves = 0.7 * np.sin(phase) + 0.3 * np.sin(2.63 * phase + 1.0)
         return float(self.pitch_rad * waves)
 
-    def pitched(self, camera: Camera, time_s: float) -> Camera:
-        """The camera with the pitch at a time."""
+    def roll(self, time_s: float) -> float:
+        """Roll motion at a time, radians."""
+        phase = 2 * np.pi * time_s / self.roll_period_s
+        return float(self.roll_rad * np.sin(phase))
+
+    def moved(self, camera: Camera, time_s: float) -> Camera:
+        """The camera with the pitch and the roll at a time."""
         pose = camera.require_pose()
         pitch_rad = pose.pitch_rad + self.pitch(time_s)
-        return camera.with_pose(replace(pose, pitch_rad=pitch_rad))
+        roll_rad = pose.roll_rad + self.roll(time_s)
+        moved = replace(pose, pitch_rad=pitch_rad, roll_rad=roll_rad)
+        return camera.with_pose(moved)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +166,8 @@ class Drive:
         return replace(pose, heading_rad=pose.heading_rad - float(lag))
 
     def camera_at(self, time_s: float) -> Camera:
-        """Camera with the pitch at a time."""
-        return self.motion.pitched(self.camera, time_s)
+        """Camera with the pitch and the roll at a time."""
+        return self.motion.moved(self.camera, time_s)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,40 @@
+"""Whether somebody turned the camera in a drive: a yaw that lasts.
+
+The filter estimates where the axis of the car is, seen from the camera. With the pose
+of the drive it is straight ahead. After a knock it is elsewhere, in all frames.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+# A smaller yaw is that of a car that drifts or a road that slopes, or an error of the
+# estimated pose. A more uncertain one is not known yet.
+LEAST_TURN_RAD = np.radians(1.5)
+MAX_STD_RAD = np.radians(0.6)
+# Yaws agree within this angle, and must do so for this time: bends pass sooner.
+AGREES_RAD = np.radians(0.5)
+LASTS_S = 2.0
+
+
+@dataclass(frozen=True)
+class TurnedCamera:
+    """The yaw of the car's axis that the last frames agree on, and for how long."""
+
+    yaw_rad: float = 0.0
+    seconds: float = 0.0
+
+    @property
+    def lasts(self) -> bool:
+        """Whether enough frames agree on a yaw that is not that of the pose."""
+        return self.seconds >= LASTS_S
+
+    def after(self, yaw_rad: float, std_rad: float, elapsed_s: float) -> TurnedCamera:
+        """The same after another frame with an estimate of the yaw."""
+        if abs(yaw_rad) < LEAST_TURN_RAD or std_rad > MAX_STD_RAD:
+            return TurnedCamera()
+        if abs(yaw_rad - self.yaw_rad) > AGREES_RAD:
+            return TurnedCamera(yaw_rad)
+        return TurnedCamera(self.yaw_rad, self.seconds + elapsed_s)
