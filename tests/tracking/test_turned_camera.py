@@ -32,6 +32,7 @@ BEFORE = PaintedDrive(
 )
 TURNED = SMALL.with_pose(replace(POSE, yaw_rad=POSE.yaw_rad + TURN_RAD))
 AFTER = replace(BEFORE, camera=TURNED)
+SETTLED = TurnedCamera(settled_s=5.0)
 
 
 def follow(turned_s: tuple[float, float], end_s: float) -> list[tuple]:
@@ -110,14 +111,21 @@ def test_a_turn_that_passes_is_none():
     ids=["lasting", "short", "small", "changing"],
 )
 def test_many_frames_must_agree(yaws_deg, lasts):
-    turned = TurnedCamera()
+    turned = SETTLED
     for yaw_deg in yaws_deg:
         turned = turned.after(np.radians(yaw_deg), np.radians(0.2), 0.04)
     assert turned.lasts == lasts
 
 
 def test_a_yaw_that_is_uncertain_is_none():
-    turned = TurnedCamera()
+    turned = SETTLED
     for _ in range(100):
         turned = turned.after(0.05, np.radians(1.0), 0.04)
+    assert not turned.lasts
+
+
+def test_a_pose_that_is_wrong_from_the_beginning_is_no_turn():
+    turned = TurnedCamera()
+    for _ in range(100):
+        turned = turned.after(0.05, np.radians(0.2), 0.04)
     assert not turned.lasts
