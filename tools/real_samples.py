@@ -33,7 +33,7 @@ from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import PAINT, marking_response, mask_in_view
 from lanes.detect.markings import Markings, as_source, crop_rows, finer_view
 from lanes.drive import make_tracker, track_frames
-from lanes.errors import LaneError, PoseError
+from lanes.errors import CameraError, LaneError, PictureError, PoseError
 from lanes.labels import (
     EGO_SIDES,
     LaneColumns,
@@ -120,14 +120,27 @@ def take_real_samples(
     rng = np.random.default_rng(0)
     taken = RealSamples()
     for labelled in _labelled_images(roads, taken.skipped):
-        taken.images += 1
-        taken.samples += sample_views(labelled, views, rng)
+        _add_views(taken, labelled, views, rng)
     if teacher is not None:
         for clip in sorted(roads.clips):
             for labelled in _tracked_frames(roads, clip, taken.skipped):
-                taken.images += 1
-                taken.samples += sample_views(labelled, 1, rng, teacher)
+                _add_views(taken, labelled, 1, rng, teacher)
     return taken
+
+
+def _add_views(
+    taken: RealSamples,
+    labelled: LabelledImage,
+    views: int,
+    rng: np.random.Generator,
+    teacher: Markings | None = None,
+) -> None:
+    """Add the samples of an image, or the reason why it has none."""
+    try:
+        taken.samples += list(sample_views(labelled, views, rng, teacher))
+        taken.images += 1
+    except CameraError as error:  # a pose without a road in view
+        taken.skipped.append(f"{labelled.label.name}: {error}")
 
 
 # Stills and their cameras.
@@ -135,46 +148,62 @@ def take_real_samples(
 
 def _labelled_images(roads: RoadSet, skipped: list[str]) -> Iterator[LabelledImage]:
     """The stills with a label and a pose; the reasons of others go to `skipped`."""
-    usable = []
+    size_of = _sizes_of_stills(roads, skipped)
+    groups = [list(size_of)] if size_of else []
+    if roads.several_cameras:
+        groups = [[label] for label in size_of]
+    for labels in groups:
+        [(size, _)] = Counter(size_of[label] for label in labels).most_common(1)
+        same = [label for label in labels if size_of[label] == size]
+        for label in labels:
+            if size_of[label] != size:
+                skipped.append(f"{label.name}: is of another size than the others")
+        try:
+            yield from _with_pose(roads, same, size)
+        except LaneError as error:
+            name = labels[0].name if roads.several_cameras else roads.name
+            skipped.append(f"{name}: {error}")
+
+
+def _sizes_of_stills(
+    roads: RoadSet, skipped: list[str]
+) -> dict[LaneColumns, tuple[int, int]]:
+    """Width and height of each still that can be used, by its label.
+
+    The reasons of others go to `skipped`.
+    """
+    sizes = {}
     for label in roads.labels:
         if label.empty:
             skipped.append(f"{label.name}: has no line")
-        elif not find_picture(roads.folder, label.name).is_file():
-            skipped.append(f"{label.name}: is not there")
-        else:
-            usable.append(label)
-
-    groups = [usable] if usable else []
-    if roads.several_cameras:
-        groups = [[label] for label in usable]
-    for labels in groups:
+            continue
         try:
-            yield from _with_pose(roads, labels, skipped)
-        except LaneError as error:
-            names = labels[0].name if roads.several_cameras else roads.name
-            skipped.append(f"{names}: {error}")
+            image = read_image(find_picture(roads.folder, label.name))
+        except (FileNotFoundError, PictureError) as error:
+            skipped.append(str(error))
+            continue
+        size = image.shape[1::-1]
+        if label.size in (None, size):
+            sizes[label] = size
+        else:
+            skipped.append(f"{label.name}: its label is of an image of another size")
+    return sizes
 
 
 def _with_pose(
-    roads: RoadSet, labels: Sequence[LaneColumns], skipped: list[str]
+    roads: RoadSet, labels: Sequence[LaneColumns], size: tuple[int, int]
 ) -> Iterator[LabelledImage]:
-    """The labelled stills of one camera.
+    """The labelled stills of one camera, all of one size.
 
     Raises PoseError if they show no pose.
     """
     files = [find_picture(roads.folder, label.name) for label in labels]
-    images = [read_image(file) for file in files]
-    sizes = [image.shape[1::-1] for image in images]
-    [(size, _)] = Counter(sizes).most_common(1)
     lens = _lens_of(roads, files, size)
-    same = [image for image in images if image.shape[1::-1] == size]
-    step = -(-len(same) // POSE_PICTURES)
-    camera = require_shown(*ensure_pose(lens, same[::step]))
-    for label, image in zip(labels, images, strict=True):
-        if image.shape[1::-1] != size or label.size not in (None, size):
-            skipped.append(f"{label.name}: is of another size than the others")
-            continue
-        yield LabelledImage(image, label, camera)
+    step = -(-len(files) // POSE_PICTURES)
+    images = [read_image(file) for file in files[::step]]
+    camera = require_shown(*ensure_pose(lens, images))
+    for label, file in zip(labels, files, strict=True):
+        yield LabelledImage(read_image(file), label, camera)
 
 
 def _lens_of(roads: RoadSet, files: Sequence[Path], size: tuple[int, int]) -> Camera:
@@ -280,6 +309,8 @@ def lines_in_view(label: LaneColumns, view: BirdsEyeView) -> np.ndarray:
         filled = np.interp(dense, rows[known], columns[known])
         points_m = view.camera.pixels_to_road(np.column_stack([filled, dense]))
         ahead = points_m[:, 0] > 0
+        if not ahead.any():
+            continue
         x_m, y_m = points_m[ahead].T
         y_m = np.where(at_dense[ahead] >= 0, y_m, np.nan)
         away = np.argsort(x_m)

@@ -171,7 +171,7 @@ class TestLeftOut:
 
     def test_a_missing_still(self, tmp_path):
         entries = [{"raw_file": "a/0.png"} | label_of(LEFT_M)]
-        assert self.reasons(tmp_path, entries) == "a/0.png: is not there"
+        assert "a/0.png: there is no such image file" in self.reasons(tmp_path, entries)
 
     def test_a_still_without_a_line(self, tmp_path):
         write_road(tmp_path / "a" / "0.png")
@@ -184,6 +184,31 @@ class TestLeftOut:
         entries = [{"raw_file": "a/0.png"} | label_of(LEFT_M)]
         reasons = self.reasons(tmp_path, entries)
         assert reasons.startswith("a: no image shows the camera pose")
+
+    def test_a_still_of_another_size_than_the_others(self, tmp_path):
+        entries = []
+        for number in range(3):
+            file = write_road(tmp_path / "a" / f"{number}.png")
+            entries.append({"raw_file": f"a/{number}.png"} | label_of(LEFT_M))
+        write_image(file, np.zeros((180, 320, 3), np.uint8))
+        write_lines(tmp_path / "labels.jsonl", entries)
+        [roads] = read_sets(tmp_path, CAMERA)
+        taken = take_real_samples(roads)
+        assert taken.images == 2
+        assert taken.skipped == ["a/2.png: is of another size than the others"]
+
+    def test_a_damaged_still(self, tmp_path):
+        file = write_road(tmp_path / "a" / "0.png")
+        file.write_bytes(file.read_bytes()[:100])
+        entries = [{"raw_file": "a/0.png"} | label_of(LEFT_M)]
+        assert "0.png" in self.reasons(tmp_path, entries)
+
+    def test_a_camera_that_sees_no_road(self, tmp_path):
+        write_road(tmp_path / "a" / "0.png")
+        entries = [{"raw_file": "a/0.png"} | label_of(LEFT_M)]
+        upwards = replace(CAMERA.require_pose(), pitch_rad=-1.2)
+        reasons = self.reasons(tmp_path, entries, lens=CAMERA.with_pose(upwards))
+        assert reasons.startswith("a/0.png: the camera sees no road")
 
     def test_stills_that_a_camera_does_not_fit(self, tmp_path):
         write_road(tmp_path / "a" / "0.png")
