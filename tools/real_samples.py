@@ -322,7 +322,7 @@ def find_painted(
     image: np.ndarray, view: BirdsEyeView, lines_m: np.ndarray
 ) -> np.ndarray:
     """(K,) bool: the band filter sees paint along the line; True without any row."""
-    strength = marking_response(view.warp(image), view).band_strength
+    strength = marking_response(view.warp(image), view, PAINT).band_strength
     reach = np.ones((1, 2 * PAINT_REACH + 1))
     largest = cv2.dilate(strength, reach)
     painted = np.ones(len(lines_m), bool)
