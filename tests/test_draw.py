@@ -194,6 +194,16 @@ def test_the_area_ends_with_the_nearer_line():
     assert top_px(outline.area) == pytest.approx(row_at(14.0), abs=1.5)
 
 
+def test_there_is_no_area_where_one_line_ends_before_the_other_begins():
+    lane = seen_up_to(started(4.5, 7.0), 6.0, 14.0)
+
+    outline = lane_outline(lane, SMALL)
+
+    assert not len(outline.area)
+    assert all(len(ribbon) for ribbon in outline.ribbons)
+    draw(lane)
+
+
 def test_an_inferred_line_is_thin_and_ends_with_the_other_one():
     left, _ = seen_up_to(LANE, 24.0, 14.0).evidence
     inferred = replace(LANE, evidence=(left, NOT_SEEN))

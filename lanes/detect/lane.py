@@ -642,6 +642,8 @@ def visible_part(pixels: np.ndarray) -> np.ndarray:
     """The points (N, 2) of a line, nearest first, while they rise in the image, without
     NaN at the beginning.
     """
+    if not len(pixels):
+        return pixels
     pixels = pixels[int(np.isfinite(pixels[:, 0]).argmax()) :]
     # the border of a lens shows the beginning of a far line above its continuation
     falls = np.append(pixels[1:, 1] >= pixels[:-1, 1], False)

@@ -282,8 +282,14 @@ def lane_outline(lane: Lane, camera: Camera, *, thickness: float = 1.0) -> LaneO
 
 
 def _polygon_between(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The polygon between the visible parts of two lines (N, 2)."""
-    return np.concatenate([visible_part(one), visible_part(other)[::-1]])
+    """The polygon between the visible parts of two lines (N, 2); none if one of them
+    has no visible part.
+    """
+    one = visible_part(one)
+    other = visible_part(other)
+    if not len(one) or not len(other):
+        return NO_POINTS
+    return np.concatenate([one, other[::-1]])
 
 
 def _starts_m(lane: Lane) -> np.ndarray:

@@ -218,9 +218,9 @@ def _files(name: str) -> tuple[list[Path], list[Path]]:
         matches = list(map(Path, glob(name, recursive=True)))
         folders = [match for match in matches if match.is_dir()]
         found = _recordings_as_one(matches)
-        if not found and matches:
+        if not found and folders:
             raise FileNotFoundError(
-                f"{name}: stands for folders only, such as {matches[0]}; name them "
+                f"{name}: stands for folders only, such as {folders[0]}; name them "
                 f"themselves, or {Path(name, '*')} for the files in them."
             )
         if not found:

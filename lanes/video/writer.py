@@ -197,8 +197,7 @@ class VideoWriter:
         else:  # several times as fast
             planes = cv2.cvtColor(image, cv2.COLOR_RGB2YUV_I420)
             yuv = np.asarray(planes, np.uint8)
-            # the encoder reads this array, which nothing else holds; no copy
-            frame = av.VideoFrame.from_numpy_buffer(yuv, format="yuv420p")
+            frame = av.VideoFrame.from_ndarray(yuv, format="yuv420p")
         _tag(frame, self._tags)
         self._stamp(frame, time_s - self._zero_s)
         self.frames += 1
