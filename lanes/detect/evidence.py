@@ -93,10 +93,6 @@ _MAX_PROBABILITY = 0.99
 # image has colours. Chosen on 306 real images: 98 % have more, and 99 % of their copies
 # in gray, sepia, blue and green (night vision), as JPEG, less.
 _COLOUR_SHARE = 0.12
-# Share of the cells whose colour is farthest from the usual one: those of a coloured
-# date or sign in a gray image. Without them all of 90 gray images with a red date have
-# no colours, and as many as before of the 90 with their colours (99 %) have some.
-_INSERTED_SHARE = 0.05
 # Variance of gray cells by noise and codecs, squared grey levels.
 _GRAY_VARIANCE = 4.0
 # The longer side of the image in cells whose colours are compared.
@@ -531,8 +527,7 @@ def has_colours(image: np.ndarray) -> bool:
 
     In gray, tinted and night-vision images the colour is a function of the brightness:
     cells of neighbouring brightness have the same one. The share of the variance that
-    differs between neighbours is von Neumann's ratio (1941). A date that the camera has
-    inserted does not count.
+    differs between neighbours is von Neumann's ratio (1941).
     """
     # cells are larger than the blur of subsampled colours
     cell_px = max(image.shape[:2]) / _COLOUR_CELLS
@@ -548,9 +543,6 @@ def has_colours(image: np.ndarray) -> bool:
     order = np.argsort(brightness, kind="stable")
     red, green, blue = cells.reshape(-1, 3)[order].astype(float).T
     colour = np.array([red - green, green - blue])
-    from_usual = np.abs(colour - np.median(colour, axis=1, keepdims=True)).sum(axis=0)
-    farthest = np.quantile(from_usual, 1 - _INSERTED_SHARE)
-    colour = colour[:, from_usual <= farthest]
     variance = colour.var(axis=1).sum()
     between_neighbours = (np.diff(colour) ** 2).mean(axis=1).sum() / 2
     return bool(between_neighbours > _COLOUR_SHARE * (variance + _GRAY_VARIANCE))

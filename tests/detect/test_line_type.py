@@ -73,12 +73,6 @@ def as_jpeg(image):
     return cv2.imdecode(data, cv2.IMREAD_COLOR)
 
 
-def gray_with_a_date(image):
-    """As cameras insert it, here in red."""
-    dated = gray(image)
-    return cv2.putText(dated, "2026-01-01 12:00", (8, 350), 0, 0.6, (255, 40, 40), 2)
-
-
 # What cameras and programs make of an image, which has no colours then.
 WITHOUT_COLOURS = {
     "gray": gray,
@@ -86,11 +80,8 @@ WITHOUT_COLOURS = {
     "green night vision": tinted(0.15, 1.0, 0.2),
     "blue": tinted(0.4, 0.6, 1.0),
     "black and white, toned": lambda image: cv2.LUT(gray(image), TONING),
-    "gray with a date": gray_with_a_date,
     "low-pressure sodium lamps": tinted(1.0, 0.7, 0.0),
 }
-
-
 LEVELS = np.arange(256) / 255
 # Dark tones are blue, light ones yellow.
 TONING = np.dstack([LEVELS**1.2, LEVELS, LEVELS**0.9]) * 255
