@@ -292,7 +292,7 @@ def test_what_never_moves_is_known_after_six_periods():
     for period_s in (0.5, 0.1):
         settings = TrackerSettings(static_period_s=period_s)
         tracker = LaneTracker(BENDS.camera, fps=10.0, settings=settings)
-        for number in range(10):
+        for number in range(11):
             tracker.update(draw_guide_lines(drive.frame(number / 10)))
         stripes[period_s] = len(tracker.evidence.stripes)
     assert stripes[0.1] < stripes[0.5] - 30

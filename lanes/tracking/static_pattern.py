@@ -9,17 +9,18 @@ import numpy as np
 from lanes.detect.birdseye import BirdsEyeView
 from lanes.detect.evidence import Stripes
 
-# A place of the image is static if it is occupied in this share of the samples; a
-# smallest number of them is needed.
+# A place of the image is static if it is occupied in this share of the samples. Six
+# samples are needed, by their weights.
 MIN_SHARE = 0.7
-MIN_SAMPLES = 6.0
+MIN_SAMPLES = 4.4
 # Smallest share of occupied places that the previous sample did not have. While driving
 # it is 0.4 to 1; if the car stands, everything is static, and the sample is left out.
 MIN_MOVED = 0.3
 # Width of a column, metres: stripes within 1 to 2 columns are at the same place.
 COLUMN_M = 0.02
-# After this number of samples the weight of one has fallen to 1 / e.
-MEMORY_SAMPLES = 30
+# After this number of samples the weight of one has fallen to 1 / e. A reflection that
+# comes later in a drive is static after ten samples.
+MEMORY_SAMPLES = 8
 
 
 class StaticPattern:

@@ -43,15 +43,20 @@ def stripes_at(pixels: np.ndarray, view: BirdsEyeView) -> Stripes:
     )
 
 
-def pattern_of_streak() -> StaticPattern:
-    """The pattern after ten samples of the streak beside stripes that move."""
+def pattern_of_streak(*, before: int = 0) -> StaticPattern:
+    """The pattern after ten samples of the streak beside stripes that move.
+
+    In the samples `before` these, there are only the stripes that move.
+    """
     view = view_of(CAMERA)
     pattern = StaticPattern(view, PERIOD_S)
     rng = np.random.default_rng(0)
-    for _ in range(10):
+    for sample in range(before + 10):
         moving_px = STREAK_PX - [150, 0] + rng.normal(0, 30, STREAK_PX.shape)
         moving_px[:, 1] = np.maximum(moving_px[:, 1], 230)
-        seen_px = np.vstack([STREAK_PX, moving_px])
+        seen_px = moving_px
+        if sample >= before:
+            seen_px = np.vstack([STREAK_PX, moving_px])
         pattern.update(stripes_at(seen_px, view), view, PERIOD_S)
     return pattern
 
@@ -64,6 +69,10 @@ def static_share(pattern: StaticPattern, pixels: np.ndarray, camera: Camera) -> 
 
 def test_a_streak_is_static_with_the_pose_that_it_was_seen_with():
     assert static_share(pattern_of_streak(), STREAK_PX, CAMERA) == 1.0
+
+
+def test_a_streak_that_comes_later_in_a_drive_is_static_after_ten_samples():
+    assert static_share(pattern_of_streak(before=40), STREAK_PX, CAMERA) == 1.0
 
 
 def test_a_streak_is_static_at_once_with_another_pose():
