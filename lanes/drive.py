@@ -35,7 +35,12 @@ from lanes.detect.search import StillDetection
 from lanes.drive_camera import camera_for, field_for, pose_for
 from lanes.errors import CameraError, PoseError, VideoError
 from lanes.files import TelemetryWriter, require_path, translate_write_errors
-from lanes.pose.change import describe_wrong_yaw, find_pose_change, find_wrong_yaw
+from lanes.pose.change import (
+    describe_other_poses,
+    describe_wrong_yaw,
+    find_pose_change,
+    find_wrong_yaw,
+)
 from lanes.pose.estimate import (
     POSE_PICTURES,
     PoseEstimate,
@@ -404,11 +409,8 @@ def annotate_drive(video: str | Path, settings: DriveSettings) -> Annotation:
         f"{written.frames / elapsed_s:.0f} frames/s; "
         f"wrote {target} with telemetry{with_report} next to it"
     )
-    for row, pose_words in other_poses:
-        lines.append(
-            f"{video}: from {telemetry['time_s'][row]:.1f} s on with another pose "
-            f"(the camera moved, or another one begins): {pose_words}"
-        )
+    found_at_s = {telemetry["time_s"][row]: words for row, words in other_poses}
+    doubts = [*describe_other_poses(found_at_s), *doubts]
     lines += [f"{video}: {words}" for words in doubts]
     return Annotation(
         outputs=tuple(drive_outputs(video, settings)),

@@ -174,3 +174,22 @@ def _largest_step(values: np.ndarray) -> tuple[int, float]:
     std = 1.4826 * np.median(least) * np.sqrt(np.pi / 2 * counts)
     is_large = abs(step) > max(MIN_CHANGE_RAD, MIN_CHANGE_STDS * std)
     return split, step if is_large else 0.0
+
+
+def describe_other_poses(found_at_s: Mapping[float, str]) -> list[str]:
+    """Words on other poses that a tracker went on with, by their times.
+
+    One line for each of up to two poses, and one line for more.
+    """
+    reason = "(the camera moved, or another one begins)"
+    if len(found_at_s) <= 2:
+        return [
+            f"from {time_s:.1f} s on with another pose {reason}: {pose}"
+            for time_s, pose in found_at_s.items()
+        ]
+    times_s = list(found_at_s)
+    last_s = times_s[-1]
+    return [
+        f"with other poses {len(times_s)} times from {times_s[0]:.1f} to "
+        f"{last_s:.1f} s {reason}, the last: {found_at_s[last_s]}"
+    ]

@@ -9,7 +9,7 @@ import re
 import numpy as np
 import pytest
 
-from lanes.pose.change import find_pose_change, find_wrong_yaw
+from lanes.pose.change import describe_other_poses, find_pose_change, find_wrong_yaw
 
 
 class TestWrongYaw:
@@ -129,3 +129,16 @@ class TestChange:
 def lose(rows: dict[str, np.ndarray], frames: slice | np.ndarray) -> None:
     rows["state"][frames] = "lost"
     rows["pitch_rad"][frames] = np.nan
+
+
+def test_each_of_two_other_poses_has_a_line():
+    lines = describe_other_poses({3.0: "1.3 m high", 4.5: "1.4 m high"})
+    assert len(lines) == 2
+    assert lines[1].startswith("from 4.5 s on")
+    assert lines[1].endswith("1.4 m high")
+
+
+def test_more_other_poses_are_one_line():
+    (line,) = describe_other_poses({3.0: "a", 4.5: "b", 21.55: "1.5 m high"})
+    assert "3 times from 3.0 to 21.6 s" in line
+    assert line.endswith("the last: 1.5 m high")
