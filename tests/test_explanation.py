@@ -36,7 +36,7 @@ from lanes.show.figures import show_explanation
 from lanes.tracking.tracker import LaneTracker
 from lanes.video.reader import TimedFrame
 from tests.support.painted_drive import BENDS, SMALL, PaintedDrive
-from tests.support.painted_roads import YELLOW, Road, dashcam
+from tests.support.painted_roads import YELLOW, Arc, Road, dashcam
 from tests.support.shapes import straight_car
 
 CAMERA = dashcam(width=1280)
@@ -223,6 +223,13 @@ class TestWhatWasNotTaken:
 
     def test_a_line_of_the_adjacent_lane_is_not_ignored(self):
         assert "ignored" not in self.explained(1.8, -1.8, -5.4)
+
+    def test_a_line_in_a_hairpin_has_a_place(self):
+        """The lane turns back before some of the stripes."""
+        road = Road(CAMERA, arc=Arc(1 / 15)).lines(1.75, -1.75, 5.25)
+        text = explain(road.image(), CAMERA).describe()
+        assert "ignored    a line at" in text
+        assert "nan" not in text
 
     def test_a_lane_with_less_paint_has_its_reason(self):
         text = self.explained(3.7, 0.1, -3.5, dash_m=(3, 9))

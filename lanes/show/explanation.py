@@ -678,6 +678,10 @@ def describe_ignored(lane: Lane, fit: Fit) -> str | None:
     stripes = fit.stripes.select(fit.stripes.x_m < fit.settings.support_far_m)
     middle_y_m = fit.lines_y_m[0].mean(axis=0)
     beside_m = stripes.y_m - middle_y_m[stripes.row] + lane.model[CENTRE]
+    # the lane of a hairpin turns back before some stripes
+    is_beside = np.isfinite(beside_m)
+    stripes = stripes.select(is_beside)
+    beside_m = beside_m[is_beside]
 
     # strips away from the lines that were found
     found_m = [line.offset_m for line in (*lane.lines, *lane.adjacent) if line]
