@@ -33,7 +33,6 @@ from pathlib import Path
 from typing import Any
 
 import av
-from tqdm import tqdm
 
 import lanes
 from lanes.annotation import DriveSettings
@@ -507,6 +506,8 @@ class LocalProcesses(Executor):
 
 def _watch_parent(end: Connection) -> None:
     """In a process: end it when the other end of the pipe is closed."""
+    from tqdm import tqdm  # late, as in `lanes.console`
+
     # by default a semaphore, which a process that ends at once leaves behind
     tqdm.set_lock(threading.RLock())
 
